@@ -74,7 +74,7 @@ def memory_limit() -> float:
     return min(MAX_BYTES, available_memory())
 
 
-def check_memory(estimate: float, what: str, cure: str) -> None:
+def check_memory(estimate: float, what: str, remedy: str) -> None:
     """Raise an error if the estimated bytes of a result exceed `memory_limit`.
 
     Parameters
@@ -83,7 +83,7 @@ def check_memory(estimate: float, what: str, cure: str) -> None:
         In bytes.
     what : str
         Subject of the message, in the plural.
-    cure : str
+    remedy : str
         What the user can do.
 
     Raises
@@ -93,7 +93,7 @@ def check_memory(estimate: float, what: str, cure: str) -> None:
     limit = memory_limit()
     if estimate > limit:
         raise ParameterError(
-            f"{what} need about {estimate / 2**30:.3g} GiB, above {limit / 2**30:.3g} GiB; {cure}"
+            f"{what} need about {estimate / 2**30:.3g} GiB, above {limit / 2**30:.3g} GiB; {remedy}"
         )
 
 

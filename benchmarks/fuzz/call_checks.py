@@ -20,10 +20,10 @@ import numpy as np
 from click.testing import CliRunner
 from numpy.typing import NDArray
 
-from benchmarks.fuzz.call_cures import cures, place_of
 from benchmarks.fuzz.call_dry_runs import disagreement, has_dry_run
 from benchmarks.fuzz.call_meshes import SURFACE, mesh_arrays, mesh_file
 from benchmarks.fuzz.call_options import with_few_steps
+from benchmarks.fuzz.call_remedies import place_of, remedies
 from benchmarks.fuzz.call_resume import resume_fault
 from benchmarks.fuzz.scratch import scratch_folder
 from benchmarks.hardcases.checks import (
@@ -38,7 +38,7 @@ from ddgcli.cli.main import main as command_line
 from ddgcli.cli.main import start_time
 from ddgcli.errors import DdgError
 
-MAX_CURES = 4
+MAX_REMEDIES = 4
 MAX_LENGTH = 600  # characters of an error, beside the paths
 CALL_SECONDS = 20.0  # of processor time, for one call on a mesh of at most some hundred cells
 PICTURE_SECONDS, STEP_SECONDS = 1.5, 1e-3  # of one of many; lines are counted meanwhile
@@ -134,7 +134,7 @@ def read_call() -> Callable[[bytes], object]:
 
 
 def run_call(call: dict[str, Any], folder: Path) -> CallOutcome:
-    """Run the preparing calls and the judged one, follow the cures of refusals, and check every outcome."""
+    """Run the preparing calls and the tested one, apply the remedies of errors, and check every outcome."""
     mesh, name = call["mesh"], f"mesh{call['mesh']['suffix']}"
     content = mesh_file(mesh)
     stdin = content if call.get("stdin") else None
@@ -169,22 +169,22 @@ def run_call(call: dict[str, Any], folder: Path) -> CallOutcome:
     place = place_of(Random(json.dumps(words)), words, mesh)
     refusals: list[str] = []
     is_input = True
-    for _ in range(MAX_CURES):
+    for _ in range(MAX_REMEDIES):
         if outcome.exit_code != 2 or words[0] in ("batch", "check"):
             break
-        cure = next(cures(words, outcome.error, place, name), None)
-        if cure is None:
+        remedy = next(remedies(words, outcome.error, place, name), None)
+        if remedy is None:
             break
         refusals.append(outcome.error)
-        if cure.before:
-            repair = checked_outcome(cure.before)
+        if remedy.before:
+            repair = checked_outcome(remedy.before)
             if repair.exit_code == 2:
                 raise CallError(f"{outcome.line}: {outcome.error}: the repair: {repair.error}")
-            name = Path(cure.before[-1]).name
-        words, is_input = with_few_steps(cure.words), is_input and not cure.before
+            name = Path(remedy.before[-1]).name
+        words, is_input = with_few_steps(remedy.words), is_input and not remedy.before
         outcome = judged_outcome(words, is_input)
         if outcome.exit_code == 2 and _same_refusal(outcome.error, refusals):
-            raise CallError(f"{outcome.line}: the cure {cure.reason!r} fails; refusals: {refusals}")
+            raise CallError(f"{outcome.line}: the remedy {remedy.reason!r} fails; refusals: {refusals}")
     if outcome.exit_code == 2:
         raise DdgError(outcome.error)
     if call.get("interrupt"):

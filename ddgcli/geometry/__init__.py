@@ -10,7 +10,7 @@ __all__ = [
     "cells",
     "circle_angles",
     "component_sides",
-    "cures",
+    "remedies",
     "extrinsic",
     "face_frames",
     "faces",

@@ -153,9 +153,9 @@ def mesh_of_kind(mesh: MeshLike, kinds: tuple[str, ...], verb: str) -> Any:
     if isinstance(converted, tuple(KIND_CLASS[kind] for kind in kinds)):
         return converted
     kind = next(name for name, cls in KIND_CLASS.items() if isinstance(converted, cls))
-    cure = "; pass their boundary, mesh.boundary" if kind == "tetrahedra" and "surface" in kinds else ""
+    remedy = "; pass their boundary, mesh.boundary" if kind == "tetrahedra" and "surface" in kinds else ""
     accepted = " or ".join(KIND_PHRASE[name] for name in kinds)
-    raise MeshError(f"{verb} takes {accepted}, not {KIND_PHRASE[kind]}{cure}")
+    raise MeshError(f"{verb} takes {accepted}, not {KIND_PHRASE[kind]}{remedy}")
 
 
 def accepts_arrays(

@@ -17,7 +17,7 @@ LARGEST_RESIDUAL = 1e-3  # relative: a larger one means that the answer is not a
 def within_residuals(
     accuracy: Mapping[str, Any],
     names: tuple[str, ...],
-    cure: str | Callable[[], str],
+    remedy: str | Callable[[], str],
     *,
     warning: float = WARNING_RESIDUAL,
     largest: float = LARGEST_RESIDUAL,
@@ -30,7 +30,7 @@ def within_residuals(
         Accuracy block of a summary; entries are numbers, sequences of numbers or None.
     names : tuple of str
         Entries to check; missing ones and None are skipped.
-    cure : str or callable
+    remedy : str or callable
         What the caller can do, for the warning; a function is called for the first one only.
     warning, largest : float
         Residuals above `warning` are reported; above `largest`, or not finite, the answer is False, as
@@ -47,10 +47,10 @@ def within_residuals(
             continue
         worst = float(values.max()) if np.isfinite(values).all() else np.inf
         if worst > warning:
-            cure = cure if isinstance(cure, str) else cure()
+            remedy = remedy if isinstance(remedy, str) else remedy()
             limit = (
                 f"{largest:g}, so that the result has not converged" if worst > largest else f"{warning:g}"
             )
-            log.warning(f"{name} is {worst:.2g}, above {limit}: {cure}")
+            log.warning(f"{name} is {worst:.2g}, above {limit}: {remedy}")
         converged &= worst <= largest
     return converged

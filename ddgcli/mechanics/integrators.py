@@ -383,13 +383,13 @@ def _static(system: System, motion: Motion, dt: float, parameters: Any) -> Motio
         from ddgcli.mechanics.small_loads import force_rounding, larger_loads, largest_load
 
         unheld = unheld_motions(system)
-        cause, cure = f"{rejected}; {unheld}" if unheld else str(rejected), "hold the shell by pins"
+        cause, remedy = f"{rejected}; {unheld}" if unheld else str(rejected), "hold the shell by pins"
         if rejected.cause == Cause.NOT_FINITE:  # the first move leads too far
-            cure = "apply the load in steps (`load_steps=10`)"
+            remedy = "apply the load in steps (`load_steps=10`)"
         load, least = largest_load(system, motion.x), force_rounding(system)
         # what pins hold comes to rest under any small load, unless its faces are needles
         other = larger_loads(load, least) if unheld and 0.0 < load < least else "lessen the load"
-        raise SolveError(f"no equilibrium was found ({cause}): {cure} or {other}") from rejected
+        raise SolveError(f"no equilibrium was found ({cause}): {remedy} or {other}") from rejected
     still = np.zeros_like(y)
     return checked(system, Motion(y, still, still, motion.newton + count))
 

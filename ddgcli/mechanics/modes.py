@@ -257,7 +257,7 @@ def no_buckling(system: System, x: NDArray) -> str:
     Returns
     -------
     str
-        With a cure; "" where nothing prevents it.
+        With a remedy; "" where nothing prevents it.
     """
     if system.low_rank(x) is not None:
         return "buckling loads of a shell with a gas are not implemented; use pressure without gas"

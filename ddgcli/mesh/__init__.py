@@ -8,7 +8,7 @@ __all__ = [
     "bisection",
     "boundary",
     "components",
-    "cures",
+    "remedies",
     "curve",
     "double_cover",
     "edge_lookup",

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import MeshError
-from ddgcli.mesh.cures import cure
+from ddgcli.mesh.remedies import remedy
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import row_cross, row_dot
 
@@ -109,7 +109,7 @@ def oriented(mesh: TriangleMesh) -> tuple[TriangleMesh, NDArray[np.bool_]]:
     """
     if not mesh.topology.is_orientable:
         raise MeshError(
-            f"the surface is not orientable (it contains a Moebius band); {cure('one side', mesh.topology)}"
+            f"the surface is not orientable (it contains a Moebius band); {remedy('one side', mesh.topology)}"
         )
     turn = faces_to_turn(mesh)
     return reverse_faces(mesh, turn), turn

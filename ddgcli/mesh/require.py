@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import MeshError, counted
-from ddgcli.mesh.cures import cure, with_repair
 from ddgcli.mesh.ragged import unique_keys
+from ddgcli.mesh.remedies import remedy, with_repair
 from ddgcli.mesh.repair import merged_points
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.topology import NEXT, Topology
@@ -39,7 +39,7 @@ def require(
     one_sided: bool = False,
     closed: bool = False,
 ) -> None:
-    """Raise MeshError if `mesh` lacks a property; name the first bad element and a cure.
+    """Raise MeshError if `mesh` lacks a property; name the first bad element and a remedy.
 
     Parameters
     ----------
@@ -68,13 +68,13 @@ def require(
         a, b = topology.edges[bad[0]]
         raise MeshError(
             f"{counted(len(bad), 'edge has', 'edges have')} more than two faces (first: vertices {a}-{b}); "
-            f"{verb} needs a manifold mesh: {cure('edge of three faces', topology, oriented=oriented)}"
+            f"{verb} needs a manifold mesh: {remedy('edge of three faces', topology, oriented=oriented)}"
         )
     if manifold and len(topology.nonmanifold_vertices):
         bad = topology.nonmanifold_vertices
         raise MeshError(
             f"{counted(len(bad), 'vertex joins', 'vertices join')} several fans of faces (first: vertex "
-            f"{bad[0]}); {verb} needs a manifold mesh: {cure('several fans', topology, oriented=oriented)}"
+            f"{bad[0]}); {verb} needs a manifold mesh: {remedy('several fans', topology, oriented=oriented)}"
         )
     bad = topology.misoriented_edges if oriented else topology.edges[:0, 0]
     if one_sided and len(bad):
@@ -83,7 +83,7 @@ def require(
         a, b = topology.edges[bad[0]]
         raise MeshError(
             f"{counted(len(bad), 'edge joins', 'edges join')} faces of opposite orientation (first: vertices "
-            f"{a}-{b}); {verb} needs consistently oriented faces: {_orientation_cure(mesh, one_sided)}"
+            f"{a}-{b}); {verb} needs consistently oriented faces: {_orientation_remedy(mesh, one_sided)}"
         )
     if closed and not topology.is_closed:
         a, b = topology.edges[topology.boundary_edges[0]]
@@ -109,8 +109,8 @@ def how_to_close(mesh: SurfaceMesh) -> str:
     if topology.one_sided_face.any():
         return "no repair closes this one, which is one-sided"
     if not isinstance(mesh, TriangleMesh):
-        return cure("boundary", topology)
-    if weld := _weld_cure(mesh):
+        return remedy("boundary", topology)
+    if weld := _weld_remedy(mesh):
         return weld
     component = topology.face_component
     is_open = np.zeros(topology.n_components, dtype=bool)
@@ -123,10 +123,10 @@ def how_to_close(mesh: SurfaceMesh) -> str:
             return (
                 f"the component of face {np.argmax(rows)} is a flat sheet, which encloses nothing; extrude it"
             )
-    return cure("boundary", topology)
+    return remedy("boundary", topology)
 
 
-def _weld_cure(mesh: TriangleMesh) -> str:
+def _weld_remedy(mesh: TriangleMesh) -> str:
     """Part of the message: how to join vertices and close what is open then; '' where that joins nothing."""
     points, place = merged_points(mesh.points)
     faces, fill = place[mesh.faces], ""
@@ -153,11 +153,11 @@ def _n_sides_without_pair(topology: Topology) -> int:
     return int(topology.edge_face_count[(balance != 0) & (topology.edge_face_count > 2)].sum())
 
 
-def _orientation_cure(mesh: SurfaceMesh, one_sided: bool = False) -> str:
+def _orientation_remedy(mesh: SurfaceMesh, one_sided: bool = False) -> str:
     """Part of the message: how to orient the faces."""
     turn = mesh.topology.faces_to_turn
     if not one_sided and mesh.topology.one_sided_face.any():
-        return f"this surface is one-sided and has no orientation: {cure('one side', mesh.topology)}"
+        return f"this surface is one-sided and has no orientation: {remedy('one side', mesh.topology)}"
     first = int(np.argmax(turn))
     return f"reverse {int(turn.sum())} of them (first: face {first}) {with_repair('orientation')}"
 
@@ -246,7 +246,7 @@ def require_manifold_body(mesh: TetMesh, verb: str) -> None:
         return
     raise MeshError(
         f"bodies of tetrahedra touch along {where} without sharing faces there; {verb} needs a manifold "
-        f"boundary: {cure('touching bodies')}"
+        f"boundary: {remedy('touching bodies')}"
     )
 
 
@@ -268,7 +268,7 @@ def require_manifold_cells(mesh: TetMesh) -> None:
         raise MeshError(
             f"{counted(len(bad), 'face has', 'faces have')} more than two tetrahedra (first: vertices "
             f"{'-'.join(map(str, mesh.triangles[bad[0]]))} of tetrahedra {', '.join(map(str, cells[:4]))}); "
-            + (cure("duplicate cells") if repeated else "remove all but two at each")
+            + (remedy("duplicate cells") if repeated else "remove all but two at each")
         )
 
 
@@ -289,10 +289,10 @@ def refuse_repeated_vertices(mesh: SurfaceMesh) -> None:
     if not len(twice) or mesh.topology.gluing is not None:
         return
     if isinstance(mesh, TriangleMesh):
-        require_area(mesh)  # the cure would leave no face
+        require_area(mesh)  # the remedy would leave no face
     raise MeshError(
         f"face {twice[0]} names a vertex twice ({counted(len(twice), 'such face', 'such faces')}); "
-        f"{cure('repeated vertex')}"
+        f"{remedy('repeated vertex')}"
     )
 
 
@@ -372,7 +372,7 @@ def refuse_flat_faces(
     corners = "" if topology is None else f", vertices {', '.join(str(v) for v in topology.faces[flat[0]])}"
     raise MeshError(
         f"{counted(len(flat), 'face has', 'faces have')} no area (first: face {flat[0]}{corners}); "
-        f"{cure('no area', topology, manifold=manifold, oriented=oriented)}"
+        f"{remedy('no area', topology, manifold=manifold, oriented=oriented)}"
     )
 
 
@@ -397,5 +397,5 @@ def refuse_flat_cells(flat: NDArray, n_cells: int) -> None:
         raise MeshError(f"{which}; check the coordinates")
     raise MeshError(
         f"{counted(len(flat), 'tetrahedron has', 'tetrahedra have')} no volume (first: tetrahedron "
-        f"{flat[0]}); {cure('no volume')}"
+        f"{flat[0]}); {remedy('no volume')}"
     )

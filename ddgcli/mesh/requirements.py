@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ddgcli.errors import MeshError, counted
-from ddgcli.mesh.cures import cure
 from ddgcli.mesh.curve import CurveSet
+from ddgcli.mesh.remedies import remedy
 from ddgcli.mesh.require import (
     refuse_flat_faces,
     require,
@@ -120,7 +120,7 @@ def kind_of(mesh: TriangleMesh | TetMesh | CurveSet) -> str:
 def kind_error(
     mesh: TriangleMesh | TetMesh | CurveSet, kinds: Sequence[str], verb: str = "it", path: str = ""
 ) -> str | None:
-    """Why a command does not take a mesh of this kind, with a cure.
+    """Why a command does not take a mesh of this kind, with a remedy.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ def kind_error(
     verb : str
         Subject of the message, such as the name of a command.
     path : str
-        Of the mesh file, for the cure, if it is not that of the input.
+        Of the mesh file, for the remedy, if it is not that of the input.
 
     Returns
     -------
@@ -146,7 +146,7 @@ def kind_error(
 
 
 def unmet_need(mesh: TriangleMesh | TetMesh | CurveSet, verb: str) -> str | None:
-    """First requirement of a command that a mesh does not meet, with a cure.
+    """First requirement of a command that a mesh does not meet, with a remedy.
 
     Parameters
     ----------
@@ -204,7 +204,7 @@ def require_sized_cells(mesh: TriangleMesh | TetMesh | CurveSet, verb: str) -> N
         if requirement.positive_volume and (mesh.signed_volume < 0).any():
             bad = np.flatnonzero(mesh.signed_volume < 0)
             what = counted(len(bad), "tetrahedron is inverted", "tetrahedra are inverted")
-            raise MeshError(f"{what} (first: {bad[0]}); {cure('inverted')}")
+            raise MeshError(f"{what} (first: {bad[0]}); {remedy('inverted')}")
         if requirement.manifold_cells:
             require_manifold_cells(mesh)
     elif isinstance(mesh, TriangleMesh) and requirement.every_area:

@@ -16,8 +16,8 @@ from ddgcli.geometry.intrinsic import corner_cotan
 from ddgcli.geometry.normals import area_normals
 from ddgcli.geometry.unfolding import Fans, vertex_fans
 from ddgcli.linalg.indices import matrix_indices
-from ddgcli.mesh.cures import cure
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.remedies import remedy
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -61,7 +61,7 @@ def check_tangent_planes(mesh: SurfaceMesh) -> Fans:
     if count.max(initial=0) > 1:
         raise MeshError(
             f"vertex {int(np.argmax(count))} joins {count.max()} fans of faces and has no tangent plane; "
-            f"{cure('several fans', mesh.topology)}"
+            f"{remedy('several fans', mesh.topology)}"
         )
     return fans
 

@@ -86,14 +86,14 @@ def warn_of_star_errors(errors: dict[int, float], star: Star, dimension: int) ->
     # `galerkin` has the diagonal star in codifferentials alone
     steps = (1,) if star == "galerkin" else (-1, 0, 1)
     laplacians = sorted({degree + step for degree in large for step in steps})
-    cure = "take a Delaunay mesh without obtuse rims, or a more regular one"
+    remedy = "take a Delaunay mesh without obtuse rims, or a more regular one"
     if star == "barycentric":
-        cure = "use `star=galerkin`"
+        remedy = "use `star=galerkin`"
     log.warning(
         "the %s star errs by %s on constant forms, and the spectra of %s by up to as much, on finer meshes "
         "of this kind too; %s",
         "diagonal" if star == "galerkin" else star,
         " and ".join(f"{error:.2g} (degree {degree})" for degree, error in large.items()),
         ", ".join(f"laplacian{k}" for k in laplacians if k <= dimension),
-        cure,
+        remedy,
     )

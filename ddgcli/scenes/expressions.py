@@ -115,13 +115,13 @@ def _unit_hint(text: str, variables: tuple[str, ...]) -> str:
         unit, expression = text[space.end() :].strip(), text[: space.start()].strip()
         factor = _unit_factor(unit) if unit[:1].isalpha() and unit not in (*variables, "t") else None
         if factor is not None and _as_factor(expression):
-            cure = expression if factor == 1.0 else f"{factor:.12g}*{_as_factor(expression)}"
-            return _without_unit(cure, text)
+            remedy = expression if factor == 1.0 else f"{factor:.12g}*{_as_factor(expression)}"
+            return _without_unit(remedy, text)
     return ""
 
 
-def _without_unit(cure: str, text: str) -> str:
-    return f": expressions are in SI, without units; write {cure} for '{excerpt(text)}'"
+def _without_unit(remedy: str, text: str) -> str:
+    return f": expressions are in SI, without units; write {remedy} for '{excerpt(text)}'"
 
 
 def _unit_factor(text: str) -> float | None:

@@ -182,8 +182,8 @@ class Scene:
             except SceneError:
                 raise
             except OverflowError:  # of a power of Python floats
-                cure = "use smaller numbers or other units"
-                self.refuse(key, f"{effect.name}: its coefficients are beyond 1e308; {cure}")
+                remedy = "use smaller numbers or other units"
+                self.refuse(key, f"{effect.name}: its coefficients are beyond 1e308; {remedy}")
             except ValueError as error:
                 self.refuse(key, f"{effect.name}: {error}")
         return results

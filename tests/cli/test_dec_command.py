@@ -77,7 +77,7 @@ def test_each_star_gives_other_numbers(summary, sphere, tmp_path):
     assert stars["galerkin"].nnz > stars["barycentric"].nnz
 
 
-def test_right_angles_are_refused_and_the_cure_works(run, tmp_path):
+def test_right_angles_are_refused_and_the_remedy_works(run, tmp_path):
     path = tmp_path / "grid.ply"
     write_mesh(str(path), AnnotatedMesh(shapes.grid(4, 4)))
     refused = run("dec", path, "--star", "circumcentric")
@@ -107,7 +107,7 @@ def test_the_archive_is_written_without_a_copy_in_memory(tmp_path):
     assert peak < 0.5 * (tmp_path / "m.npz").stat().st_size
 
 
-def test_a_star_that_is_off_on_constant_forms_is_reported_and_the_cure_works(run, summary, tmp_path):
+def test_a_star_that_is_off_on_constant_forms_is_reported_and_the_remedy_works(run, summary, tmp_path):
     path, out = tmp_path / "grid.ply", tmp_path / "a.npz"
     write_mesh(str(path), AnnotatedMesh(shapes.grid(8, 8)))
     result = run("dec", path, "-o", out, "--star", "barycentric")

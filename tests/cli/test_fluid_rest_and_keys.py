@@ -71,7 +71,7 @@ def test_a_flow_by_name_that_moves_nothing_is_reported(summary, tmp_path, shape,
     assert not is_at_rest or out["results"]["kinetic_energy"] < 1e-20
 
 
-def test_vorticity_on_a_mesh_without_inner_vertices_is_reported_and_the_cure_works(summary, tmp_path):
+def test_vorticity_on_a_mesh_without_inner_vertices_is_reported_and_the_remedy_works(summary, tmp_path):
     coarse, fine = tmp_path / "coarse.ply", tmp_path / "fine.ply"
     write_mesh(str(coarse), AnnotatedMesh(shapes.grid(8, 1)))
     words = ("--vorticity", "1+x", "--duration", 0.1, "--dt", 0.05)
@@ -121,8 +121,8 @@ def test_a_key_without_effect_is_refused(run, tmp_path, effects, key):
     result = run("fluid-sim", path)
     assert result.exit_code == 2 and result.stdout == ""
     assert result.stderr.startswith(f"Error: {path}: line 10: ") and f"{key} has no effect" in result.stderr
-    cure = effects.split(f", {key}")[0] + " }"
-    assert run("fluid-sim", scene(tmp_path / "s.toml", BALL, cure)).exit_code == 0
+    remedy = effects.split(f", {key}")[0] + " }"
+    assert run("fluid-sim", scene(tmp_path / "s.toml", BALL, remedy)).exit_code == 0
 
 
 def test_negative_strength_turns_a_flow_round(run, tmp_path):
@@ -150,7 +150,7 @@ def annulus(inner, outer, around, across):
 
 
 def test_a_ring_with_a_moving_wall_needs_the_harmonic_flow(summary, tmp_path):
-    """Without it there is a warning, and the flow is wrong; its cure gives Couette's flow A r + B / r.
+    """Without it there is a warning, and the flow is wrong; its remedy gives Couette's flow A r + B / r.
 
     On a plane all kinds of viscosity are the same, though the boundary turns.
     """
@@ -198,7 +198,7 @@ def test_dye_that_is_lost_shows_in_its_drift(summary, tmp_path, monkeypatch):
     assert 0.01 < summary("fluid-sim", path)["accuracy"]["dye_drift"] < 1
 
 
-def test_losses_of_circulation_are_reported_and_its_cure_has_none(summary, tmp_path):
+def test_losses_of_circulation_are_reported_and_its_remedy_has_none(summary, tmp_path):
     """Waves of two cells between walls, which 12 cells do not resolve."""
     square = "grid = { size = [6.283185307179586, 6.283185307179586], cells = [12, 12] }"
     effects = 'initial = { vorticity = "8*sin(6*x)*sin(5*y) + 6*sin(x+2*y)" }'

@@ -132,8 +132,8 @@ def test_steps_far_too_long_end_early_with_a_step_that_works(run, tmp_path, inte
     because = json.loads(refused.stdout)["results"]["stopped_because"]
     assert refused.exit_code == 1 and "shorter ones" in because
     step = float(re.search(r"make the step (\S+) s", because)[1])
-    cure = ("--dt", step, "--duration", 20 * step, "--frame-every", 10 * step)
-    cured = json.loads(run("fluid-sim", path, "--json", *cure).stdout)
+    remedy = ("--dt", step, "--duration", 20 * step, "--frame-every", 10 * step)
+    cured = json.loads(run("fluid-sim", path, "--json", *remedy).stdout)
     assert cured["results"]["rejected_steps"] == 0 and not cured["warnings"]
 
 

@@ -72,7 +72,7 @@ def test_two_processes_draw_the_same_pictures(summary, run, trajectory, tmp_path
     assert refused.exit_code == 2 and "--jobs is for" in refused.stderr
 
 
-def test_several_frames_for_one_mesh_are_refused_and_the_cure_works(run, trajectory, tmp_path):
+def test_several_frames_for_one_mesh_are_refused_and_the_remedy_works(run, trajectory, tmp_path):
     result = run("frames", trajectory, "-o", tmp_path / "all.ply")
     assert result.exit_code == 2 and "5 are selected" in result.stderr and not list(tmp_path.glob("all*"))
     name = re.search(r"-o (\S+),", result.stderr)[1]

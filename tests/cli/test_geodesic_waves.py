@@ -191,7 +191,7 @@ def test_isolines_without_a_source_are_those_of_the_signed_distance(summary, tmp
 
 
 @pytest.mark.parametrize("words", [("--fan", 12, "--fan-length", 1), ("--method", "heat")])
-def test_a_mesh_whose_vertices_coincide_is_refused_with_a_cure(words, run, tmp_path):
+def test_a_mesh_whose_vertices_coincide_is_refused_with_a_remedy(words, run, tmp_path):
     mesh = shapes.grid(2, 2)
     write_mesh(str(tmp_path / "m.ply"), AnnotatedMesh(mesh.moved_unchecked(0.0 * mesh.points)))
     files = ("--paths-output", tmp_path / "l.vtp") if "--fan" in words else ("-o", tmp_path / "o.npz")

@@ -87,7 +87,7 @@ def test_edge_values_without_edges_are_in_the_default_order(one_form, tmp_path, 
     assert norms[1] == pytest.approx(norms[0]) and norms[2] == pytest.approx(norms[0])
 
 
-def test_an_edge_twice_is_refused_and_the_cure_works(one_form, run):
+def test_an_edge_twice_is_refused_and_the_remedy_works(one_form, run):
     """The value of the edge that was missing was 0."""
     path, arrays, edges = one_form
     np.savez(path, **arrays, edges=edges[[1, *range(1, len(edges))]])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ddgcli.geometry.cures import warn_of_pieces
+from ddgcli.geometry.remedies import warn_of_pieces
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
@@ -22,7 +22,7 @@ def beside(a, b):
 
 
 @pytest.mark.parametrize("words", [("curvature",), ("laplacian", "--eigen", 2), ("hodge",)])
-def test_triangles_of_their_own_have_a_warning_whose_cure_joins_them(words, run, summary, tmp_path):
+def test_triangles_of_their_own_have_a_warning_whose_remedy_joins_them(words, run, summary, tmp_path):
     """All curvatures were 0, the Betti numbers those of 80 disks, in silence."""
     path, welded = tmp_path / "soup.obj", tmp_path / "soup-repaired.ply"
     write_mesh(str(path), AnnotatedMesh(in_pieces(shapes.icosphere(1))))
@@ -34,7 +34,7 @@ def test_triangles_of_their_own_have_a_warning_whose_cure_joins_them(words, run,
 
 
 @pytest.mark.parametrize("kind", ["pages of a book", "a bow tie"])
-def test_a_weld_that_undoes_a_split_is_no_cure(kind, run, tmp_path):
+def test_a_weld_that_undoes_a_split_is_no_remedy(kind, run, tmp_path):
     """--spread-vector advised --split-fans, and on its result the run advised --weld, which undoes it."""
     path, split = tmp_path / "mesh.npz", tmp_path / "split.npz"
     angle = np.arange(3) * 2 * np.pi / 3

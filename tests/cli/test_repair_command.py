@@ -82,7 +82,7 @@ def test_the_advice_for_a_welded_surface_with_one_side_works(run, moebius):
     assert run("repair", cut, "--fill-holes", 50).exit_code == 0
 
 
-def test_the_cure_of_a_step_repeats_the_steps_before_it(run, moebius, tmp_path, monkeypatch):
+def test_the_remedy_of_a_step_repeats_the_steps_before_it(run, moebius, tmp_path, monkeypatch):
     """A face that is there twice: without --drop-duplicates the cut is refused."""
     monkeypatch.chdir(tmp_path)
     mesh = read_mesh(str(moebius)).surface

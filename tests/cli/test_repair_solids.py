@@ -27,21 +27,21 @@ def in_pieces():
     return np.arange(CUBE.tetrahedra.size).reshape(-1, 4), CUBE.points[CUBE.tetrahedra.ravel()]
 
 
-def cure_of(message):
+def remedy_of(message):
     """Flags of the repair that a message names."""
     return re.search(r"ddgcli repair \S+ ((?:--[a-z-]+ ?)+)-o", message).group(1).split()
 
 
 @pytest.mark.parametrize("call", [["hodge"], ["laplacian", "--form-eigen", "2"]])
-def test_a_cell_twice_is_refused_and_the_cure_works(tmp_path, run, summary, call):
+def test_a_cell_twice_is_refused_and_the_remedy_works(tmp_path, run, summary, call):
     """The Betti numbers were [1, 1, 0, 0], without a warning."""
     path = body(tmp_path, np.concatenate([CUBE.tetrahedra, CUBE.tetrahedra[INNER][None, [1, 0, 3, 2]]]))
     assert "drop-duplicates" in summary("info", path)["results"]["accepts"]["hodge"]
     refused = run(call[0], path, *call[1:])
     assert refused.exit_code == 2 and f"of tetrahedra {INNER}, " in refused.stderr
-    assert cure_of(refused.stderr) == ["--drop-duplicates"]
+    assert remedy_of(refused.stderr) == ["--drop-duplicates"]
     repaired = tmp_path / "repaired.vtu"
-    report = summary("repair", path, *cure_of(refused.stderr), "-o", repaired)
+    report = summary("repair", path, *remedy_of(refused.stderr), "-o", repaired)
     assert report["results"]["changes"] == {"drop_duplicates": 1}
     assert "hodge" not in report["results"]["refused_by"]
     assert np.array_equal(read_mesh(str(repaired)).mesh.tetrahedra, CUBE.tetrahedra)
@@ -62,7 +62,7 @@ def test_a_body_in_pieces_has_a_warning_and_a_weld_joins_it(tmp_path, run, summa
     warned = run(command, path)
     assert warned.exit_code == 0 and "the body is in pieces" in warned.stderr
     welded = tmp_path / "welded.vtu"
-    report = summary("repair", path, *cure_of(warned.stderr), "-o", welded)
+    report = summary("repair", path, *remedy_of(warned.stderr), "-o", welded)
     mesh = read_mesh(str(welded))
     assert report["results"]["changes"]["weld"] == CUBE.tetrahedra.size - CUBE.n_vertices
     assert np.array_equal(mesh.mesh.points[mesh.mesh.tetrahedra], CUBE.points[CUBE.tetrahedra])
@@ -100,10 +100,10 @@ def test_repairs_for_hodge_make_any_of_these_acceptable(tmp_path, summary):
     assert numbers["absolute"] == [1, 0, 0, 0]
 
 
-def test_a_flat_cell_is_refused_by_its_own_cure(tmp_path, run):
-    """It was called a body that touches itself; the cure left it there."""
+def test_a_flat_cell_is_refused_by_its_own_remedy(tmp_path, run):
+    """It was called a body that touches itself; the remedy left it there."""
     refused = run("hodge", body(tmp_path, np.concatenate([CUBE.tetrahedra, [[0, 1, 2, 2]]])))
-    assert refused.exit_code == 2 and cure_of(refused.stderr) == ["--drop-degenerate"]
+    assert refused.exit_code == 2 and remedy_of(refused.stderr) == ["--drop-degenerate"]
 
 
 def test_cells_without_a_boundary(tmp_path, run, summary):

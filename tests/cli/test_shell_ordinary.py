@@ -239,14 +239,14 @@ pin = {{ vertices = [0, 1, 2, 3, 4, 5, 6], clamp = {clamp} }}
 
 @pytest.mark.parametrize("gravity", [-1e-12, -1e-16])
 def test_a_cloth_on_hinges_under_loads_below_rounding_asks_for_larger_ones(run, tmp_path, gravity):
-    """Once the cure was to lessen them. Both cures of the message let it come to rest."""
+    """Once the remedy was to lessen them. Both remedies of the message let it come to rest."""
     path = tmp_path / "cloth.toml"
     path.write_text(HANGING.format(gravity=gravity, clamp="false"))
     result = run("shell-sim", path)
     assert result.exit_code == 1 and "hold the shell by pins or apply loads" in result.stderr
     times = float(result.stderr.split("apply loads ")[1].split()[0])
-    for cure in ({"gravity": times * gravity, "clamp": "false"}, {"gravity": gravity, "clamp": "true"}):
-        path.write_text(HANGING.format(**cure))
+    for remedy in ({"gravity": times * gravity, "clamp": "false"}, {"gravity": gravity, "clamp": "true"}):
+        path.write_text(HANGING.format(**remedy))
         assert run("shell-sim", path).exit_code == 0
 
 

@@ -507,7 +507,7 @@ def test_the_command_takes_auto(run, summary, tmp_path):
         ("normal noise 0.2, slivers: torus", "noise of"),
     ],
 )
-def test_stated_errors_hold_within_a_factor_of_two_and_the_cure_helps(name, kind, caplog):
+def test_stated_errors_hold_within_a_factor_of_two_and_the_remedy_helps(name, kind, caplog):
     if "marching" in name:
         pytest.importorskip("vtkmodules.vtkFiltersCore")
     known = CASES[name]()

@@ -261,7 +261,7 @@ def twisted_cylinder(around, along, twist):
 def test_fits_on_coarse_round_surfaces_have_a_warning(mesh, is_coarse, caplog):
     """The mean curvature of a sphere of 42 vertices was 1.45 to 1.58, without a word.
 
-    Of the twisted cylinder, where fits are 1e-3 off and `cotan` by 0.8, the warning named `cotan` as a cure.
+    Of the twisted cylinder, where fits are 1e-3 off and `cotan` by 0.8, the warning advised `cotan`.
     """
     measure_curvature(mesh, "quadric")
     assert ("the faces are coarse" in caplog.text) == is_coarse
@@ -270,8 +270,8 @@ def test_fits_on_coarse_round_surfaces_have_a_warning(mesh, is_coarse, caplog):
     assert "coarse" not in caplog.text
 
 
-@pytest.mark.parametrize("level, of_fits, of_cure", [(0, 0.3, 1e-12), (1, 0.4, 1e-3)])
-def test_the_cure_of_fits_on_coarse_spheres_is_right(level, of_fits, of_cure):
+@pytest.mark.parametrize("level, of_fits, of_remedy", [(0, 0.3, 1e-12), (1, 0.4, 1e-3)])
+def test_the_remedy_of_fits_on_coarse_spheres_is_right(level, of_fits, of_remedy):
     mesh = shapes.icosphere(level)
     fitted, cured = (measure_curvature(mesh, name).vertex["mean_curvature"] for name in ("quadric", "cotan"))
-    assert np.abs(fitted - 1).max() > of_fits and np.abs(cured - 1).max() < of_cure
+    assert np.abs(fitted - 1).max() > of_fits and np.abs(cured - 1).max() < of_remedy

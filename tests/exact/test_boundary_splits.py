@@ -122,7 +122,7 @@ def test_signed_heat_has_the_sign_of_the_region(per_side):
     assert (exact[away] * heat[away] > 0).all()
 
 
-def test_heat_below_zero_on_faces_as_they_are_is_reported_with_a_cure(caplog):
+def test_heat_below_zero_on_faces_as_they_are_is_reported_with_a_remedy(caplog):
     with caplog.at_level(logging.WARNING, logger="ddgcli"):
         measure_distance(FLAT, Sources.at([10]), "heat")
         assert "heat is not positive" not in caplog.text

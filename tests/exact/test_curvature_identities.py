@@ -265,7 +265,7 @@ def test_a_ball_that_holds_all_measures_everything():
     assert measured.gaussian == pytest.approx(np.full(60, 4 * np.pi / surface.area.sum()))
 
 
-def test_refusals_name_a_cure():
+def test_refusals_name_a_remedy():
     mesh = shapes.icosphere(1)
     with pytest.raises(ParameterError, match="quadric"):
         measure_curvature(mesh, "fancy")

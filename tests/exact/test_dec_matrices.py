@@ -125,7 +125,7 @@ def test_a_planted_sign_shows_in_the_derivative_residual():
     assert dec_matrices(complex_, "barycentric").derivative_residual() == 2
 
 
-def test_a_star_that_vanishes_is_refused_with_another_star_as_cure():
+def test_a_star_that_vanishes_is_refused_with_another_star_as_remedy():
     grid = complex_of(shapes.grid(4, 4))
     with pytest.raises(MeshError, match="use `star=galerkin`"):
         dec_matrices(grid, "circumcentric")

@@ -171,7 +171,7 @@ def test_functions_and_the_dual_go_over_a_moebius_band(summary, run, tmp_path):
     assert len(lines.lines) > mesh.n_faces and np.isfinite(lines.points).all()
 
 
-def test_refinement_of_a_one_sided_surface_is_refused_with_a_cure_that_works(summary, run, tmp_path):
+def test_refinement_of_a_one_sided_surface_is_refused_with_a_remedy_that_works(summary, run, tmp_path):
     path, opened = str(tmp_path / "band.ply"), str(tmp_path / "open.ply")
     write_mesh(path, AnnotatedMesh(SURFACES["moebius"]))
     refused = run("delaunay", path, "--refine", "20")

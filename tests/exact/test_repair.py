@@ -292,7 +292,7 @@ def test_what_cannot_be_repaired_is_refused():
         repair_mesh(turned(sphere, 3), RepairSteps(cut_to_disk=True))
 
 
-def test_a_weld_that_collapses_faces_warns_with_a_cure_that_works(caplog):
+def test_a_weld_that_collapses_faces_warns_with_a_remedy_that_works(caplog):
     """Both faces beside a short edge name one vertex twice once its ends are one."""
     grid = shapes.grid(4, 4)
     points = grid.points.copy()

@@ -67,17 +67,17 @@ def test_expressions_that_are_refused(text):
 
 
 @pytest.mark.parametrize(
-    ("text", "cure"),
+    ("text", "remedy"),
     [("10 mm/s", "0.01"), ("-9.81 m/s^2", "9.81"), ("x > 9.9 mm", "0.0099"), ("3 1/s", "3"), ("2 x", None),
      ("3 foo", None), ("2 t", None), ("100*x cm/s", "0.01*100*x"), ("1+y mm / s", "0.001*(1+y)"),
      ("(1+y) cm", "0.01*(1+y)"), ("9.81*x m/s^2", "9.81*x"), ("5*x foo", None), ("(1-y cm", None),
      ("2*x y", None), ("2*x t", None), ("2*x 3", None)],
 )  # fmt: skip
-def test_a_unit_in_an_expression_is_refused_with_the_number_to_write(text, cure):
+def test_a_unit_in_an_expression_is_refused_with_the_number_to_write(text, remedy):
     with pytest.raises(ValueError) as refusal:
         evaluate(text, X)
     match = re.search(r"write (\S+) for '(.*)'", str(refusal.value))
-    assert (match and match[1]) == cure
+    assert (match and match[1]) == remedy
     if match:
         evaluate(text.replace(match[2], match[1]), X)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ddgcli.errors import MeshError
-from ddgcli.geometry.cures import cure_of_bad_shapes
+from ddgcli.geometry.remedies import remedy_for_bad_shapes
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.operators.dec import complex_of
 from ddgcli.operators.form_products import form_products
@@ -231,7 +231,7 @@ def test_cells_are_flat_in_every_position_and_numbering_and_wherever_their_lengt
 @pytest.mark.parametrize(
     "height, text", [(1e-6, "mesh the body again"), (0.0, "repair_cells=drop_degenerate")]
 )
-def test_the_cure_of_thin_cells_is_a_repair_only_where_cells_have_no_volume(height, text):
+def test_the_remedy_of_thin_cells_is_a_repair_only_where_cells_have_no_volume(height, text):
     points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0.3, 0.3, height], [0.3, 0.3, 1.0]])
     mesh = TetMesh.from_arrays(points, np.array([[0, 1, 2, 3], [0, 1, 3, 4]]))
-    assert text in cure_of_bad_shapes(mesh)
+    assert text in remedy_for_bad_shapes(mesh)

@@ -204,7 +204,7 @@ def test_reflection_at_boundary_vertices_is_continuous():
         (0, [1, 0, 0], [1, 0, 0], np.nan, "length"),
     ],
 )
-def test_bad_starts_are_refused_with_a_cure(face, barycentric, direction, length, word):
+def test_bad_starts_are_refused_with_a_remedy(face, barycentric, direction, length, word):
     with pytest.raises(InputError, match=word):
         trace(shapes.grid(2, 2), [face], [barycentric], [direction], [length])
 

@@ -208,8 +208,8 @@ def test_steps_of_lengths_that_a_tolerance_chooses_are_not_counted(run, tmp_path
     result = run("shell-sim", tmp_path / "scene.toml", "--steps", 1)
     assert result.exit_code == 2 and result.stderr.count("\n") == 1
     assert "give --duration, or --dt without --tolerance" in result.stderr
-    for cure in (("--duration", 0.002), ("--steps", 1, "--dt", 1e-3)):
-        assert run("shell-sim", tmp_path / "scene.toml", *cure).exit_code == 0
+    for remedy in (("--duration", 0.002), ("--steps", 1, "--dt", 1e-3)):
+        assert run("shell-sim", tmp_path / "scene.toml", *remedy).exit_code == 0
 
 
 def test_the_good_scene_runs(run, tmp_path):
@@ -259,11 +259,11 @@ def test_a_mesh_of_the_wrong_kind_is_refused_in_one_clear_line(run, tmp_path, co
     assert message == f"Error: {tmp_path}/line.csv: object 'line': holds a curve; it takes a surface\n"
     (tmp_path / "flat.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 2 0 0\nf 1 2 3\nf 1 2 4\n")
     message = run(command, tmp_path / "flat.obj", *words).stderr
-    if command == "shell-sim":  # one line, the face, and a cure that works
+    if command == "shell-sim":  # one line, the face, and a remedy that works
         assert "face 1, vertices 0, 1, 3" in message and message.count("\n") == 1
-        cure = message.split("ddgcli ")[1].split()
-        cure[cure.index("-o") + 1] = tmp_path / "repaired.ply"
-        assert run(*cure).exit_code == 0
+        remedy = message.split("ddgcli ")[1].split()
+        remedy[remedy.index("-o") + 1] = tmp_path / "repaired.ply"
+        assert run(*remedy).exit_code == 0
         assert run(command, tmp_path / "repaired.ply", *words, "--steps", 2).exit_code == 0
     (tmp_path / "cloud.obj").write_text("v 0 0 0\nv 1 0 0\n")
     message = run(command, tmp_path / "cloud.obj", *words).stderr

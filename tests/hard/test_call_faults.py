@@ -36,7 +36,7 @@ def test_dual_edges_to_a_circumcentre_at_infinity_are_left_out(run, tmp_path):
     assert len(lines.points)
 
 
-def test_a_heat_distance_lost_to_rounding_names_a_cure_for_comparisons_too(run, tmp_path):
+def test_a_heat_distance_lost_to_rounding_names_a_remedy_for_comparisons_too(run, tmp_path):
     needles = shapes.grid(20, 1)
     path = written(tmp_path / "a.npz", needles.moved(needles.points * [1.0, 5e-10, 1.0]))
     for words in (("--method", "heat"), ("--compare", "heat")):

@@ -169,9 +169,9 @@ def test_a_radius_below_the_edges_is_reported_with_one_that_works(scheme, radius
     results = measure_curvature(mesh, scheme, radius, full=False).results
     assert results["region"] == region and results["radius"] == (radius if region == "ball" else None)
     assert message in caplog.text
-    cure = float(re.search(r"`radius=(\S+)`", caplog.text)[1])
+    remedy = float(re.search(r"`radius=(\S+)`", caplog.text)[1])
     caplog.clear()
-    assert measure_curvature(mesh, scheme, cure, full=False).results["region"] == "ball"
+    assert measure_curvature(mesh, scheme, remedy, full=False).results["region"] == "ball"
     assert not caplog.text
 
 
@@ -249,4 +249,4 @@ def test_violated_balances_are_reported_and_end_with_exit_one(run, tmp_path, see
     assert words[2] == str(tmp_path / "bad.npz") and words[-2] == "-o"
     repaired = tmp_path / "repaired.npz"
     assert run("repair", *words[2:-1], repaired).exit_code == 0
-    assert run("curvature", repaired).exit_code == 0  # the cure works
+    assert run("curvature", repaired).exit_code == 0  # the remedy works

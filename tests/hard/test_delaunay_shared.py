@@ -1,4 +1,4 @@
-"""Flips, overlay and refinement of every shared mesh and every hard file: right, or refused with a cure.
+"""Flips, overlay and refinement of every shared mesh and every hard file: right, or refused with a remedy.
 
 The large ones are slow tests; what docs/delaunay.md states of them is counted by
 `python -m benchmarks.peers.delaunay --only shared`.
@@ -21,7 +21,7 @@ from tests.delaunay_cases import fan
 
 SMALL = 2_500  # vertices: refined
 QUICK = 10_000  # vertices: flipped and overlaid in `make test`
-CURES = ("tufted", "`repair=", "needs a surface", "correct", "check the coordinates")
+REMEDIES = ("tufted", "`repair=", "needs a surface", "correct", "check the coordinates")
 
 
 def surfaces(folder):
@@ -96,7 +96,7 @@ def test_refinement_of_the_large_ones(shared_meshes, degrees):
         refined_and_right(name, mesh, degrees)
 
 
-def test_hard_files_are_right_or_refused_with_a_cure(shared_meshes, monkeypatch):
+def test_hard_files_are_right_or_refused_with_a_remedy(shared_meshes, monkeypatch):
     monkeypatch.setattr(logging.getLogger("ddgcli"), "disabled", True)
     accepted, refused = [], []
     for name, mesh in surfaces(shared_meshes / "hard"):
@@ -105,7 +105,7 @@ def test_hard_files_are_right_or_refused_with_a_cure(shared_meshes, monkeypatch)
             report = intrinsic_delaunay(mesh, subdivide=two_sided)
         except MeshError as error:
             assert not info_accepts(mesh), (name, error)
-            assert any(word in str(error) for word in CURES), (name, error)
+            assert any(word in str(error) for word in REMEDIES), (name, error)
             refused.append(name)
             continue
         accepted.append(name)

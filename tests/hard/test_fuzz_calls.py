@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from benchmarks.fuzz import call_checks, call_meshes, call_options
-from benchmarks.fuzz.call_cures import cures, place_of
 from benchmarks.fuzz.call_dry_runs import disagreement
+from benchmarks.fuzz.call_remedies import place_of, remedies
 from benchmarks.fuzz.inputs import kinds
 from ddgcli.cli.main import COMMANDS
 from ddgcli.errors import DdgError
@@ -177,18 +177,18 @@ SOURCE = "geodesic {input} --source 0"
         ),
     ],
 )
-def test_the_cure_of_a_refusal_is_read_from_its_text(words, message, expected):
+def test_the_remedy_of_a_refusal_is_read_from_its_text(words, message, expected):
     place = place_of(Random(0), words.split(), MESH)
-    assert next(cures(words.split(), message, place, "mesh.npz")).words == expected.split()
+    assert next(remedies(words.split(), message, place, "mesh.npz")).words == expected.split()
 
 
 def test_a_repair_that_a_refusal_names_is_a_call():
     message = "no area; remove such faces with ddgcli repair mesh.ply --drop-degenerate -o mesh-repaired.ply"
     words = ["shell-sim", "{input}"]
-    cure = next(cures(words, message, place_of(Random(0), words, MESH), "mesh.ply"))
-    assert cure.before == ("repair", "{input}", "--drop-degenerate", "-o", "{folder}/repaired.ply")
-    assert cure.words == ["shell-sim", "{folder}/repaired.ply"]
+    remedy = next(remedies(words, message, place_of(Random(0), words, MESH), "mesh.ply"))
+    assert remedy.before == ("repair", "{input}", "--drop-degenerate", "-o", "{folder}/repaired.ply")
+    assert remedy.words == ["shell-sim", "{folder}/repaired.ply"]
     message = "one-sided; cut it open with ddgcli repair repaired.ply --cut-to-disk -o repaired-repaired.ply"
-    second = next(cures(cure.words, message, place_of(Random(0), words, MESH), "repaired.ply"))
+    second = next(remedies(remedy.words, message, place_of(Random(0), words, MESH), "repaired.ply"))
     assert second.before[1] == "{folder}/repaired.ply" and second.before[-1] == "{folder}/twice_repaired.ply"
     assert second.words == ["shell-sim", "{folder}/twice_repaired.ply"]

@@ -33,7 +33,7 @@ def path(tmp_path):
 
 @pytest.mark.parametrize("dry", [False, True])
 @pytest.mark.parametrize("words", CALLS, ids=lambda words: words[1])
-def test_one_repair_is_named_and_cures_it(run, path, monkeypatch, words, dry):
+def test_one_repair_is_named_and_remedies_it(run, path, monkeypatch, words, dry):
     monkeypatch.chdir(path.parent)
     name, *options = words
     dry_run = ["--dry-run"] if dry else []

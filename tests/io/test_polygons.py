@@ -129,7 +129,7 @@ def test_gmsh_quads_and_second_order_cells(tmp_path):
     assert any("corners" in note for note in annotated.notes)
 
 
-def test_bricks_are_refused_with_a_cure(tmp_path):
+def test_bricks_are_refused_with_a_remedy(tmp_path):
     import meshio
 
     points = np.array([[x, y, z] for z in (0, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))], dtype=float)

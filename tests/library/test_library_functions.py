@@ -216,7 +216,7 @@ def test_inspection_and_repair_are_those_of_the_commands(run, tmp_path):
     assert ddg.repair_mesh(TET, orient=True).face["input_cell"].tolist() == [0]
 
 
-def test_the_cure_for_tetrahedra_works():
+def test_the_remedy_for_tetrahedra_works():
     with pytest.raises(ddg.errors.MeshError, match=r"pass their boundary, mesh\.boundary"):
         ddg.stiffness(TET)
     assert ddg.stiffness(TET.boundary).shape == (4, 4)

@@ -279,7 +279,9 @@ contact = {{ pairs = [["s", "floor"]] }}
         ("-1e-3", 0, ""),
     ],
 )
-def test_a_shell_that_starts_on_an_obstacle_is_refused_and_the_cure_runs(run, tmp_path, height, code, words):
+def test_a_shell_that_starts_on_an_obstacle_is_refused_and_the_remedy_runs(
+    run, tmp_path, height, code, words
+):
     """On it, the message named 0 m inside; 1e-9 m above it, every step failed and the message blamed them."""
     scene = tmp_path / "scene.toml"
     scene.write_text(RESTING.format(height=height))

@@ -1,4 +1,4 @@
-"""Flows of curves to rest that end before name a cure that leads there."""
+"""Flows of curves to rest that end before name a remedy that leads there."""
 
 import math
 import re
@@ -31,9 +31,9 @@ def test_a_flow_to_rest_that_ends_before_names_a_step_that_leads_there(
     end, dt = float(step) * int(n_steps or 150), first["results"]["times"][-1] / 150
     assert dt * (int(more) - 100) < end < 1.01 * dt * (int(more) + 100)  # the same time, in hundreds of steps
     words = ("--dt", step, "--steps", n_steps) if named else ("--dt", step)
-    cure = summary("curve-flow", circles, *words)
-    assert cure["results"]["stopped_because"] == "every curve has shrunk to a point"
-    assert cure["warnings"] == [] and cure["accuracy"]["area_rate_error"] < 0.1
+    remedy = summary("curve-flow", circles, *words)
+    assert remedy["results"]["stopped_because"] == "every curve has shrunk to a point"
+    assert remedy["warnings"] == [] and remedy["accuracy"]["area_rate_error"] < 0.1
 
 
 def test_a_flow_to_rest_that_ends_before_names_the_steps_that_lead_there(tmp_path, summary, monkeypatch):
@@ -47,8 +47,8 @@ def test_a_flow_to_rest_that_ends_before_names_the_steps_that_lead_there(tmp_pat
     first = summary("curve-flow", arc)
     (warning,) = [text for text in first["warnings"] if "curves still move" in text]
     assert first["results"]["length"][-1] > chord * (1 + 1e-5)
-    cure = summary("curve-flow", arc, "--steps", warning.rsplit("--steps ", 1)[1])
-    assert cure["results"]["length"][-1] < chord * (1 + 1e-9)
+    remedy = summary("curve-flow", arc, "--steps", warning.rsplit("--steps ", 1)[1])
+    assert remedy["results"]["length"][-1] < chord * (1 + 1e-9)
 
 
 def test_no_number_of_steps_is_named_where_the_energy_falls_no_more_or_ever_faster():
@@ -69,8 +69,8 @@ def test_the_steps_named_for_closed_curves_lead_to_points_and_are_few(tmp_path, 
     (warning,) = [text for text in first["warnings"] if "curves still move" in text]
     steps = warning.rsplit("--steps ", 1)[1]
     assert int(steps) <= 1.5 * 200 * turns**2
-    cure = summary("curve-flow", path, "--dt", 2.5e-3, "--steps", steps)
-    assert cure["results"]["stopped_because"] == "every curve has shrunk to a point"
+    remedy = summary("curve-flow", path, "--dt", 2.5e-3, "--steps", steps)
+    assert remedy["results"]["stopped_because"] == "every curve has shrunk to a point"
 
 
 def test_a_singular_matrix_of_a_step_names_a_smaller_penalty_or_step(tmp_path, run):

@@ -36,7 +36,7 @@ def with_fin(mesh):
 
 
 def test_a_surface_with_three_faces_at_an_edge_is_refused():
-    """The cure, the repair of `ddgcli repair` and of objects, has tests of its own."""
+    """The remedy, the repair of `ddgcli repair` and of objects, has tests of its own."""
     message = refusal(START, mesh=with_fin(shapes.icosphere(1)))
     assert "1 edge has more than two faces (first: vertices 0-16)" in message and "split_fans" in message
 
@@ -72,7 +72,7 @@ def test_faces_without_area_are_counted():
 FORCE = "force = { acceleration = [0, 0, 1] }"
 
 
-def test_inverted_tetrahedra_are_counted_the_first_is_named_and_the_cure_works():
+def test_inverted_tetrahedra_are_counted_the_first_is_named_and_the_remedy_works():
     box = shapes.box_tetrahedra(2, 2, 2)
     cells = np.array(box.tetrahedra)
     cells[[7, 9]] = cells[[7, 9]][:, [1, 0, 2, 3]]
@@ -83,7 +83,7 @@ def test_inverted_tetrahedra_are_counted_the_first_is_named_and_the_cure_works()
     run_fluid(FORCE, TIME, mesh=TetMesh(box.points, cells))
 
 
-def test_flat_tetrahedra_are_counted_the_first_is_named_and_the_cure_works():
+def test_flat_tetrahedra_are_counted_the_first_is_named_and_the_remedy_works():
     box = shapes.box_tetrahedra(2, 2, 2)
     face = box.tetrahedra[0, :3]
     points = np.vstack([box.points, box.points[face].mean(axis=0)])  # a fourth vertex within the face
@@ -94,7 +94,7 @@ def test_flat_tetrahedra_are_counted_the_first_is_named_and_the_cure_works():
     run_fluid(FORCE, TIME, mesh=TetMesh(points, cells[:-1]))
 
 
-def test_a_face_with_three_tetrahedra_is_named_and_the_cure_works():
+def test_a_face_with_three_tetrahedra_is_named_and_the_remedy_works():
     box = shapes.box_tetrahedra(1, 1, 1)
     points = np.vstack([box.points, [0.3, 0.4, 0.5]])
     faces, count = np.unique(
@@ -144,7 +144,7 @@ def test_a_moving_wall_that_moves_nothing_warns(shape, wall, is_still, caplog):
 
 
 @pytest.mark.parametrize("shape", [SQUARE, BOX], ids=["surface", "volume"])
-def test_a_wall_that_a_section_before_it_hides_warns_with_its_cure(shape, caplog):
+def test_a_wall_that_a_section_before_it_hides_warns_with_its_remedy(shape, caplog):
     """The warning was that no wall moves along itself."""
     everywhere = '{ kind = "no-slip" }'
     lid = '{ kind = "wall", velocity = [1, 0, 0], where = "y > 1 - 1e-6" }'
@@ -164,7 +164,7 @@ def test_a_wall_that_a_section_before_it_hides_warns_with_its_cure(shape, caplog
      ("box = { size = [2, 1, 1], cells = [6, 3, 3] }", "")],
     ids=["surface", "volume"],
 )  # fmt: skip
-def test_an_inflow_through_an_obstacle_warns_and_the_cure_works(shape, flows, caplog):
+def test_an_inflow_through_an_obstacle_warns_and_the_remedy_works(shape, flows, caplog):
     height = 0.5 if "box" in shape else 0
     ball = f"sphere = {{ center = [0.6, 0.5, {height}], radius = 0.3 }}\n"
     ball = f'[[object]]\nname = "ball"\nrole = "obstacle"\n{ball}'
@@ -191,7 +191,7 @@ def ball_in_the_middle(radius):
     )
 
 
-def test_an_obstacle_that_touches_the_walls_is_refused_with_a_cure_that_works():
+def test_an_obstacle_that_touches_the_walls_is_refused_with_a_remedy_that_works():
     """No repair of a mesh could help: the grid has no file, and is sound without the obstacle."""
     effects = f"viscosity = {{ nu = 1 }}\nharmonic = {{}}\nboundary = [{INFLOW}, {NATURAL}]"
     message = refusal(effects, CHANNEL, objects=ball_in_the_middle(0.5))
@@ -286,6 +286,6 @@ def test_an_initial_velocity_that_is_largely_a_gradient_warns(shape, velocity, i
     assert (out.series("kinetic_energy")[0] < 1e-20) == (velocity == UNIFORM)
 
 
-def test_t_in_a_part_of_the_boundary_is_refused_with_its_cure():
+def test_t_in_a_part_of_the_boundary_is_refused_with_its_remedy():
     moving = INFLOW.replace("x < 1e-6", "(x < 1e-6)*(t < 1)")
     assert "put t of `where` into `velocity`" in refusal(f"viscosity = {{ nu = 1 }}\nboundary = [{moving}]")

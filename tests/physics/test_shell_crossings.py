@@ -47,7 +47,7 @@ def end_of(document, caplog):
     return end, lines
 
 
-def test_a_cloth_that_falls_on_itself_is_reported_and_self_contact_is_the_cure(caplog):
+def test_a_cloth_that_falls_on_itself_is_reported_and_self_contact_is_the_remedy(caplog):
     pytest.importorskip("ipctk")
     for contact in ({}, {"self_contact": ["cloth"]}):
         end, lines = end_of(standing_strip(contact), caplog)
@@ -62,7 +62,7 @@ def test_a_cloth_that_falls_on_itself_is_reported_and_self_contact_is_the_cure(c
             assert "self_intersections" not in end.results
 
 
-def test_shells_that_fall_through_each_other_are_reported_and_a_pair_is_the_cure(caplog):
+def test_shells_that_fall_through_each_other_are_reported_and_a_pair_is_the_remedy(caplog):
     pytest.importorskip("ipctk")
     for contact in ({}, {"contact": {"pairs": [["lower", "upper"]]}}):
         end, lines = end_of(two_sheets(**contact), caplog)

@@ -326,7 +326,7 @@ def test_modes_of_a_held_shell_are_refused_without_a_file(tmp_path, run):
 @pytest.mark.parametrize("pin, message", [
     ("vertices = [0]", "plate: the supports leave 3 of 6 rigid motions free"),
     ("vertices = [0, 6]", "plate: the supports leave a rotation free, about the axis"),
-    ("vertices = [0, 6, 42]", ""),  # the cure
+    ("vertices = [0, 6, 42]", ""),  # the remedy
 ])  # fmt: skip
 def test_buckling_of_a_shell_that_can_turn_is_refused_before_it_runs(
     tmp_path, run, pin, message, integrator, dry

@@ -135,7 +135,7 @@ def test_a_clamped_plate_that_sags_is_stiffened_in_second_order_as_at_rest(tmp_p
 
 
 @pytest.mark.parametrize("effect", ["wind = { velocity = [0, 0, 1] }", "fracture = { strain = 0.1 }"])
-def test_a_clamped_plate_that_sags_by_its_thickness_warns_with_a_cure_for_its_effects(
+def test_a_clamped_plate_that_sags_by_its_thickness_warns_with_a_remedy_for_its_effects(
     tmp_path, summary, effect
 ):
     """`static` refuses what has no energy, and what breaks: the warning names them."""

@@ -213,7 +213,7 @@ positions = [[0, 0, 0], [0.004, 0, 0]]
 """
 
 
-def test_the_cure_of_a_strip_that_is_drawn_beyond_its_limit_gives_the_force_of_the_limit(
+def test_the_remedy_of_a_strip_that_is_drawn_beyond_its_limit_gives_the_force_of_the_limit(
     run, summary, tmp_path
 ):
     """Static steps do not follow perfect yielding under a handle; damped steps in time do."""

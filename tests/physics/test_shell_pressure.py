@@ -134,7 +134,7 @@ def test_zero_pressure_changes_no_bit():
         assert np.array_equal(a.observations["s"].points, b.observations["s"].points)
 
 
-def test_a_ball_that_pressure_turns_inside_out_fails_and_the_cures_work(run, tmp_path):
+def test_a_ball_that_pressure_turns_inside_out_fails_and_the_remedies_work(run, tmp_path):
     """It was an everted balloon 84 times as large, at exit 0."""
     path = tmp_path / "ball.toml"
 

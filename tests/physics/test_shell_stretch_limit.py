@@ -54,7 +54,7 @@ def test_a_balloon_under_a_pressure_that_nothing_bears_ends_at_once(tmp_path, ru
     assert "lessen the loads" in line
 
 
-def test_the_cure_lets_the_balloon_run(tmp_path, run):
+def test_the_remedy_lets_the_balloon_run(tmp_path, run):
     path = ball_scene(tmp_path, "pressure = { value = 100, times = [0, 0.03], factors = [0, 1] }")
     assert run("shell-sim", path).exit_code == 0
 

@@ -110,7 +110,7 @@ def test_effect_without_object_acts_on_every_shell_as_on_that_which_it_names(eff
         assert not np.array_equal(every, end(name, f'object = "{other}", '))
 
 
-def test_wind_on_an_equilibrium_is_refused_and_the_cures_run(run, tmp_path):
+def test_wind_on_an_equilibrium_is_refused_and_the_remedies_run(run, tmp_path):
     """It has no energy: it changed nothing there, with exit 0."""
     scene, clamp = tmp_path / "plate.toml", "pin = { vertices = [0, 1, 2] }\n"
     wind = "wind = { velocity = [0, 0, 5] }"

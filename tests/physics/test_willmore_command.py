@@ -1,4 +1,4 @@
-"""`willmore-flow` as users run it: summaries, refusals, resume, cures."""
+"""`willmore-flow` as users run it: summaries, refusals, resume, remedies."""
 
 import json
 
@@ -11,7 +11,7 @@ from ddgcli.mesh.fields import AnnotatedMesh
 from tests.physics.willmore_runs import bowl, ellipsoid
 
 
-def follow_cures(run, path, words, folder):
+def follow_remedies(run, path, words, folder):
     """The summaries of a run and of those that its advice leads to."""
     summaries = []
     while len(summaries) < 4:
@@ -41,10 +41,10 @@ def follow_cures(run, path, words, folder):
     ],
     ids=["uneven", "three vertices around", "narrow hole", "crumpling"],
 )
-def test_every_cure_that_is_printed_works(run, tmp_path, mesh, words):
+def test_every_remedy_that_is_printed_works(run, tmp_path, mesh, words):
     path = tmp_path / "ring.ply"
     write_mesh(str(path), AnnotatedMesh(mesh))
-    summaries = follow_cures(run, path, words, tmp_path)
+    summaries = follow_remedies(run, path, words, tmp_path)
     assert len(summaries) <= 3 and "converged" not in summaries[-1]["results"]
     assert not any("another surface" in warning for s in summaries for warning in s["warnings"])
     if not words:

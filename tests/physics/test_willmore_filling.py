@@ -30,7 +30,7 @@ def ball_with_holes(level, top=0.8, bottom=-2.0):
     return submesh(ball, faces)
 
 
-def test_patches_that_would_fold_onto_the_surface_are_refused_with_a_cure_that_works():
+def test_patches_that_would_fold_onto_the_surface_are_refused_with_a_remedy_that_works():
     holed = ball_with_holes(2)
     apart = np.concatenate([holed.points, [[3.0, 0, 0], [4, 0, 0], [3, 1, 0]]])
     triangle = TriangleMesh.from_arrays(

@@ -99,7 +99,7 @@ def test_faces_that_fold_are_reported(run, tmp_path):
     assert "24 faces are folded over at the end (0 at the start)" in result.stderr
 
 
-def test_a_spike_that_the_mesh_does_not_resolve_is_no_rest_and_the_cure_works(run, tmp_path):
+def test_a_spike_that_the_mesh_does_not_resolve_is_no_rest_and_the_remedy_works(run, tmp_path):
     """It ended at 1.21 times 4 pi with exit 0; with four times the faces the spike goes."""
     path = tmp_path / "spike.ply"
     write_mesh(str(path), AnnotatedMesh(spike()))
@@ -116,7 +116,7 @@ def test_a_spike_that_the_mesh_does_not_resolve_is_no_rest_and_the_cure_works(ru
 
 
 @pytest.mark.parametrize(("energy", "size", "seed"), [("cotan", 0.4, 2), ("sullivan", 0.6, 1)])
-def test_a_noisy_sphere_at_false_rest_fails_and_the_cure_works(run, tmp_path, energy, size, seed):
+def test_a_noisy_sphere_at_false_rest_fails_and_the_remedy_works(run, tmp_path, energy, size, seed):
     """It ended at 1.07 to 1.3 (sullivan: 1.86) times 4 pi with exit 0, by cotan with --remesh mean too."""
     path, ball = tmp_path / "noisy.ply", shapes.icosphere(2)
     noise = np.random.default_rng(seed).normal(size=ball.points.shape)
@@ -131,7 +131,7 @@ def test_a_noisy_sphere_at_false_rest_fails_and_the_cure_works(run, tmp_path, en
 
 
 def test_newton_steps_on_a_spike_come_to_an_end(run, tmp_path):
-    """They crept for 300 s and more; the cure is that of the test above."""
+    """They crept for 300 s and more; the remedy is that of the test above."""
     path = tmp_path / "spike.ply"
     write_mesh(str(path), AnnotatedMesh(spike()))
     result = run("willmore-flow", path, "--flow", "newton", "--json")

@@ -195,14 +195,14 @@ def test_two_vesicles_come_to_rest_as_each_does_alone():
 
 
 @pytest.mark.parametrize(
-    ("options", "cure"),
+    ("options", "remedy"),
     [
         ({"flow": "mean-curvature", "fix_volume": True}, "`region`"),
         ({"fix_area": True, "remesh": "mean"}, "`remesh`"),
     ],
 )
-def test_flows_that_would_keep_a_sum_are_refused_with_a_cure(options, cure):
-    with pytest.raises(MeshError, match=cure):
+def test_flows_that_would_keep_a_sum_are_refused_with_a_remedy(options, remedy):
+    with pytest.raises(MeshError, match=remedy):
         ddg.willmore_flow(two_vesicles(0.3), **options)
 
 

@@ -92,14 +92,16 @@ def test_a_clamped_plate_comes_to_rest_at_the_solution_of_the_linear_system(flow
         assert np.abs(end.points - truth).max() < 1e-4
 
 
-def test_a_closed_surface_needs_a_constraint_and_the_cures_run(run, tmp_path):
+def test_a_closed_surface_needs_a_constraint_and_the_remedies_run(run, tmp_path):
     path = tmp_path / "ellipsoid.ply"
     write_mesh(str(path), AnnotatedMesh(ellipsoid(2)))
     wrong = run("willmore-flow", path, "--energy", "quadratic", "--json")
     assert wrong.exit_code == 2 and wrong.stdout == "" and len(wrong.stderr.strip().splitlines()) == 1
     assert "--fix-area" in wrong.stderr and "--dt" in wrong.stderr
-    for cure in (["--fix-area", "--steps", 5], ["--dt", 1e-3, "--steps", 2]):
-        done = run("willmore-flow", path, "--energy", "quadratic", *cure, "--report-energy", "all", "--json")
+    for remedy in (["--fix-area", "--steps", 5], ["--dt", 1e-3, "--steps", 2]):
+        done = run(
+            "willmore-flow", path, "--energy", "quadratic", *remedy, "--report-energy", "all", "--json"
+        )
         assert done.exit_code == 0, done.stderr
         results = json.loads(done.stdout)["results"]
         assert results["energies"]["quadratic"]["values"] == results["energy"]

@@ -274,7 +274,7 @@ def test_paraviews_reader_sees_the_mesh_of_each_frame(run, stretched_file, tmp_p
 
 
 @pytest.mark.parametrize(
-    "words, message, cure",
+    "words, message, remedy",
     [
         (("--remesh", "mean", "--dt", "1e-3"), "--dt", ("--remesh", "mean")),
         (("--remesh", "mean", "--flow", "newton"), "--flow", ("--remesh", "mean", "--flow", "quadratic")),
@@ -289,11 +289,11 @@ def test_paraviews_reader_sees_the_mesh_of_each_frame(run, stretched_file, tmp_p
         (("--remesh-adaptive",), "--remesh", ("--remesh-adaptive", "--remesh", "mean")),
     ],
 )
-def test_wrong_calls_are_refused_in_a_line_whose_cure_runs(run, stretched_file, words, message, cure):
+def test_wrong_calls_are_refused_in_a_line_whose_remedy_runs(run, stretched_file, words, message, remedy):
     result = run("willmore-flow", stretched_file, *words, "--json")
     assert result.exit_code == 2 and result.stdout == "" and message in result.stderr
     assert len(result.stderr.strip().splitlines()) == 1
-    assert run("willmore-flow", stretched_file, *cure, "--steps", 2, "--json").exit_code == 0
+    assert run("willmore-flow", stretched_file, *remedy, "--steps", 2, "--json").exit_code == 0
 
 
 def test_an_energy_of_the_inputs_vertices_has_no_value_after_a_remesh(run, stretched_file):

@@ -35,7 +35,7 @@ def test_ellipsoid_becomes_a_sphere(family, exact):
 
 
 def test_few_factorisations_where_steps_must_be_shortened(monkeypatch):
-    """A shorter share of the same motion needs none; the cure for slivers had been one a halving."""
+    """A shorter share of the same motion needs none; the remedy for slivers had been one a halving."""
     matrices, factorise = [], descent.fourth_order_matrix
     monkeypatch.setattr(descent, "fourth_order_matrix", lambda *a: matrices.append(a) or factorise(*a))
     monkeypatch.setattr(flow, "improved_state", lambda *a, **k: None)

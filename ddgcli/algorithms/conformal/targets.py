@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ddgcli.choices import CONFORMAL_BOUNDARIES
 from ddgcli.errors import MeshError, ParameterError
-from ddgcli.mesh.cures import cure
+from ddgcli.mesh.remedies import remedy
 from ddgcli.mesh.require import LENGTH_RANGE, require
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -79,7 +79,7 @@ def conformal_targets(
     require(mesh, verb, manifold=True, oriented=True, extent=True)
     topology = mesh.topology
     if topology.n_components != 1:
-        raise MeshError(f"{topology.n_components} components; {verb} takes one: {cure('components')}")
+        raise MeshError(f"{topology.n_components} components; {verb} takes one: {remedy('components')}")
     if boundary not in CONFORMAL_BOUNDARIES:
         raise ParameterError(
             f"{boundary!r} is not one of {', '.join(CONFORMAL_BOUNDARIES)}", parameter="boundary"
@@ -188,7 +188,7 @@ def _check_total(mesh: TriangleMesh, angle: NDArray, parameter: str) -> None:
             raise ParameterError(
                 f"a closed surface of genus {topology.genus} needs cones, whose 360 minus angle sum to "
                 f"{360 * euler} (Gauss-Bonnet): {2 * abs(euler)} vertices with {360 - 180 * np.sign(euler)} "
-                f"degrees, for example; or {cure('no boundary', topology)}",
+                f"degrees, for example; or {remedy('no boundary', topology)}",
                 parameter="cones",
             )
         where = "vertices" if topology.is_closed else "vertices, 180 minus it on the boundary,"

@@ -199,7 +199,7 @@ def warn_of_noise(noise: Noise, scheme: str, mean: NDArray, scale: float) -> flo
         return None
     # a scheme that measures in balls stays, unless the stairs or the noise suit the averaged normals better
     best = "normal-voting" if scheme == "normal-voting" else noise.best_scheme
-    cure = "use" if best == scheme else f"use `scheme={best}` with"
+    remedy = "use" if best == scheme else f"use `scheme={best}` with"
     radius = f"`radius={noise.radius_of(best) * scale:.3g}` or `radius=auto`"
     if len(noise.groups) > 1:
         radii = [group.scales_of(best).best_radius * scale for group in noise.groups]
@@ -211,7 +211,7 @@ def warn_of_noise(noise: Noise, scheme: str, mean: NDArray, scale: float) -> flo
         "%s %s, where it is about %.0f %%%s",
         KINDS[noise.kind].format(noise.relative),
         100 * error,
-        cure,
+        remedy,
         radius,
         100 * (noise.expected_error(best) or 0.0),
         UNKNOWN_ERROR if noise.kind in SMOOTHED_KINDS else "",

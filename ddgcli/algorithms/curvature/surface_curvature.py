@@ -46,8 +46,8 @@ from ddgcli.choices import CURVATURE_SCHEMES
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.linalg.residual_gate import within_residuals
-from ddgcli.mesh.cures import cure
 from ddgcli.mesh.fields import checked_values
+from ddgcli.mesh.remedies import remedy
 from ddgcli.mesh.require import require, surely_has_area
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.workers import start_early
@@ -157,8 +157,8 @@ def measure_curvature(
         results |= totals.nonconformality(surface.faces, image)
     results |= statistics(vertex, edge, mesh)
     accuracy = identity_residuals(surface)
-    remedy = cure("folds")
-    advice = f"faces without area or folded onto others leave curvatures undetermined; {remedy}"
+    advice = remedy("folds")
+    advice = f"faces without area or folded onto others leave curvatures undetermined; {advice}"
     converged = within_residuals(accuracy, tuple(accuracy), advice)
     return CurvatureResult(vertex, edge, results, accuracy, converged)
 

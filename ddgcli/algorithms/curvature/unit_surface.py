@@ -15,10 +15,10 @@ from ddgcli.algorithms.curvature.balance import RegionBalance, upper_half
 from ddgcli.algorithms.curvature.grid_coordinates import precision_steps
 from ddgcli.algorithms.curvature.one_sided import double_covered
 from ddgcli.errors import MeshError, counted
-from ddgcli.geometry.cures import warn_of_pieces
 from ddgcli.geometry.extrinsic import edge_blocks, folded_edges, single_edge_length
 from ddgcli.geometry.faces import Faces
-from ddgcli.mesh.cures import cure
+from ddgcli.geometry.remedies import warn_of_pieces
+from ddgcli.mesh.remedies import remedy
 from ddgcli.mesh.repair import faces_to_turn, reverse_faces
 from ddgcli.mesh.require import check_size
 from ddgcli.mesh.topology import Topology
@@ -85,7 +85,7 @@ def one_sided_error(mesh: TriangleMesh, scheme: str) -> MeshError:
     """
     return MeshError(
         f"the surface is one-sided (not orientable) and {scheme} needs two sides; "
-        f"use `scheme=quadric` or `scheme=cotan`, or {cure('one side', mesh.topology)}"
+        f"use `scheme=quadric` or `scheme=cotan`, or {remedy('one side', mesh.topology)}"
     )
 
 

@@ -25,8 +25,8 @@ from ddgcli.algorithms.delaunay.triangulation import (
 )
 from ddgcli.algorithms.delaunay.triangulation_statistics import metric_residuals, triangulation_statistics
 from ddgcli.errors import ParameterError, renamed_parameters
-from ddgcli.geometry.cures import cure_of_bad_shapes
 from ddgcli.geometry.intrinsic import face_area
+from ddgcli.geometry.remedies import remedy_for_bad_shapes
 from ddgcli.linalg.residual_gate import within_residuals
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh, SurfaceMesh
@@ -266,7 +266,7 @@ def intrinsic_delaunay(
     if remaining and not flipped.remaining_edges:
         log.warning(remaining_note(remaining))
     converged = (refined is None or refined.converged) and max(remaining, flipped.remaining_edges) == 0
-    converged &= within_residuals(accuracy, RESIDUALS, partial(cure_of_bad_shapes, mesh))
+    converged &= within_residuals(accuracy, RESIDUALS, partial(remedy_for_bad_shapes, mesh))
     return DelaunayResult(flipped.mesh, results, accuracy, vertex, transfers, cut, cells, converged)
 
 

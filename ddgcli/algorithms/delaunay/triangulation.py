@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.delaunay.flips import SideArrays, flip_until_delaunay
 from ddgcli.errors import MeshError, counted
 from ddgcli.geometry.intrinsic import corner_cotan, half_angle_tangent
-from ddgcli.mesh.cures import cure
 from ddgcli.mesh.double_cover import CoverVertices, cover_vertices
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
+from ddgcli.mesh.remedies import remedy
 from ddgcli.mesh.require import refuse_repeated_vertices, require
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, Topology
@@ -196,7 +196,7 @@ def require_oriented(mesh: TriangleMesh | IntrinsicMesh, verb: str) -> None:
     """Raise MeshError on a one-sided surface."""
     if mesh.topology.one_sided_face.any():
         raise MeshError(
-            f"the surface is one-sided; {verb} needs two sides: {cure('one side', mesh.topology)}"
+            f"the surface is one-sided; {verb} needs two sides: {remedy('one side', mesh.topology)}"
         )
 
 

@@ -15,7 +15,7 @@ from ddgcli.algorithms.geodesics.edge_distance import downhill_source
 from ddgcli.algorithms.geodesics.sources import Sources, VertexDistances, check_sources
 from ddgcli.choices import DEFAULT_HEAT_TIME, DISTANCE_METHODS, HEAT_OPERATORS
 from ddgcli.errors import MeshError, ParameterError, counted, renamed_parameters
-from ddgcli.geometry.cures import cure_of_bad_shapes, weld_advice
+from ddgcli.geometry.remedies import remedy_for_bad_shapes, weld_advice
 from ddgcli.geometry.surface_points import SurfacePoints, face_centroids
 from ddgcli.linalg.residual_gate import WARNING_RESIDUAL, within_residuals
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
@@ -375,7 +375,7 @@ def measure_distance(
         ("certificate_excess",),
         "bounds that every true distance satisfies are violated; use `method=exact`"
         if method != "exact"
-        else partial(cure_of_bad_shapes, mesh),
+        else partial(remedy_for_bad_shapes, mesh),
         warning=WARNING_EXCESS if method in ("heat", "fast-marching") else 0.0,
         largest=MAX_EXCESS,
     )

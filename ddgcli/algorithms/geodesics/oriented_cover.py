@@ -19,8 +19,8 @@ from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.algorithms.geodesics.surface_curves import Curves
 from ddgcli.errors import MeshError, counted
 from ddgcli.geometry.surface_points import SurfacePoints
-from ddgcli.mesh.cures import cure
 from ddgcli.mesh.double_cover import double_cover
+from ddgcli.mesh.remedies import remedy
 from ddgcli.mesh.repair import oriented
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -56,7 +56,7 @@ class OrientedCover:
         if self.is_one_sided:
             raise MeshError(
                 f"the surface is one-sided (it contains a Moebius band); {what} needs two sides: "
-                f"{cure('one side', self.base.topology)}"
+                f"{remedy('one side', self.base.topology)}"
             )
 
     def weights(self, face: NDArray, barycentric: NDArray) -> NDArray[np.float64]:

@@ -72,7 +72,7 @@ class DistanceQuery:
 
     @property
     def without_source_edges(self) -> str:
-        """Cure of what needs other sources than edges, for an error."""
+        """Remedy of what needs other sources than edges, for an error."""
         names = [name for name in ("source_edges", "source_boundary") if getattr(self, name)]
         return f"leave {' and '.join(f'`{name}`' for name in names)} out"
 
@@ -202,8 +202,8 @@ class CurveQuery:
         if self.log_map and not has_source:
             raise ParameterError("needs a source, such as `source=0`", parameter="log_map")
         if self.log_map and method not in LOG_MAP_METHODS:
-            cures = " or ".join(f"`method={name}`" for name in LOG_MAP_METHODS)
-            raise ParameterError(f"has no method {method}; use {cures}", parameter="log_map")
+            remedies = " or ".join(f"`method={name}`" for name in LOG_MAP_METHODS)
+            raise ParameterError(f"has no method {method}; use {remedies}", parameter="log_map")
         if self.field_seeds is not None and has_source:
             raise ParameterError(
                 "sets random starts, but there are sources; leave one of them out", parameter="field_seeds"

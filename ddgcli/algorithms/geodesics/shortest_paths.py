@@ -19,8 +19,8 @@ from ddgcli.algorithms.tracing.trace import BOUNDARY_STATUS, Tracer, Traces
 from ddgcli.errors import ParameterError, counted
 from ddgcli.geometry.face_frames import planar_difference
 from ddgcli.geometry.unfolding import SurfaceMesh
-from ddgcli.mesh.cures import cure
 from ddgcli.mesh.ragged import list_starts
+from ddgcli.mesh.remedies import remedy
 from ddgcli.mesh.require import refuse_repeated_vertices
 from ddgcli.mesh.topology import NEXT, PREVIOUS
 
@@ -226,7 +226,7 @@ def _segment_in_face(mesh: SurfaceMesh, exact: ExactDistance, sources: Sources, 
     if origin >= 0:
         holding = around[(mesh.faces[around] == origin).any(axis=1)]
         if not len(holding):
-            raise ParameterError(f"the path to vertex {v} runs outside the faces; {cure('folds')}")
+            raise ParameterError(f"the path to vertex {v} runs outside the faces; {remedy('folds')}")
         face = holding[:1]
     else:
         index = int(exact.nearest_source[v]) - len(sources.vertex)

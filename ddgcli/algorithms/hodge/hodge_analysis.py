@@ -23,7 +23,7 @@ from ddgcli.algorithms.hodge.homology import Boundary, betti_numbers, generator_
 from ddgcli.algorithms.hodge.solid_decomposition import component_indices, joined_decomposition
 from ddgcli.algorithms.hodge.solid_homology import solid_generator_loops
 from ddgcli.errors import MeshError, ParameterError, counted
-from ddgcli.geometry.cures import cure_of_bad_shapes, warn_of_pieces
+from ddgcli.geometry.remedies import remedy_for_bad_shapes, warn_of_pieces
 from ddgcli.linalg.residual_gate import within_residuals
 from ddgcli.mesh.fields import AnnotatedMesh, finite_values
 from ddgcli.mesh.require import refuse_flat_faces, require, require_manifold_body
@@ -109,7 +109,7 @@ def hodge_analysis(
     exact = ("orthogonality", "harmonic_residual") + (
         () if place == "vertex" else ("reconstruction_residual",)
     )
-    converged = within_residuals(accuracy, exact, partial(cure_of_bad_shapes, mesh))
+    converged = within_residuals(accuracy, exact, partial(remedy_for_bad_shapes, mesh))
     vectors = field[0] if field is not None and place in ("vertex", "cell") else None
     return HodgeAnalysis(AnnotatedMesh(mesh, **arrays), results, accuracy, vectors, converged)
 

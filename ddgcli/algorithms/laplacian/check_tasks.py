@@ -19,7 +19,7 @@ from ddgcli.mesh.components import connected_labels
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
-BOUNDARY_CURE = "take their boundary, `boundary_mesh`"
+BOUNDARY_REMEDY = "take their boundary, `boundary_mesh`"
 
 
 def check_tasks(mesh: TriangleMesh | TetMesh, tasks: LaplacianTasks) -> None:
@@ -37,7 +37,7 @@ def check_tasks(mesh: TriangleMesh | TetMesh, tasks: LaplacianTasks) -> None:
     for task in ("smooth", "parameterize") if isinstance(mesh, TetMesh) else ():
         if getattr(tasks, task) is not None:
             raise ParameterError(
-                f"needs a surface, and the mesh has tetrahedra; {BOUNDARY_CURE}", parameter=task
+                f"needs a surface, and the mesh has tetrahedra; {BOUNDARY_REMEDY}", parameter=task
             )
     check_operator(mesh, tasks.operator, tasks.mass)
     if tasks.eigen is not None:

@@ -384,10 +384,10 @@ def _worst_time_error(evolution_frames: list[EvolutionFrame], equation: str) -> 
     """Largest error in time of a frame; warn of a large one."""
     worst = max(evolution_frames, key=lambda evolution_frame: evolution_frame.time_error)
     if worst.time_error > MAX_TIME_ERROR[equation]:
-        cure = "give fewer frames (`n_frames`)" if equation == HEAT else "give a shorter `time_step`"
+        remedy = "give fewer frames (`n_frames`)" if equation == HEAT else "give a shorter `time_step`"
         size = "largest value" if equation == HEAT else "amplitude"
         share = f"{100 * worst.time_error:.2g} % of its {size}"
-        log.warning(f"the {equation} at time {worst.time:g} errs by about {share}: {cure}")
+        log.warning(f"the {equation} at time {worst.time:g} errs by about {share}: {remedy}")
     return worst.time_error
 
 

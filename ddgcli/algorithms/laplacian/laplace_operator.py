@@ -13,7 +13,7 @@ from scipy.sparse import csr_array
 from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
 from ddgcli.choices import LAPLACE_OPERATORS, MASSES
 from ddgcli.errors import MeshError, ParameterError, counted
-from ddgcli.geometry.cures import warn_of_pieces
+from ddgcli.geometry.remedies import warn_of_pieces
 from ddgcli.mesh.require import require
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.topology import Topology

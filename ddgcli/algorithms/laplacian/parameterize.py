@@ -17,8 +17,8 @@ from ddgcli.linalg.constrain import Dirichlet
 from ddgcli.linalg.factor import Factor
 from ddgcli.linalg.residual_gate import LARGEST_RESIDUAL
 from ddgcli.mesh.boundary import boundary_vertex_loops
-from ddgcli.mesh.cures import cure
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.remedies import remedy
 from ddgcli.mesh.require import require
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT
@@ -174,11 +174,11 @@ def boundary_loops(mesh: TriangleMesh, verb: str) -> list[NDArray[np.int64]]:
     require(mesh, verb, manifold=True, oriented=True)
     topology = mesh.topology
     if topology.n_components != 1:
-        raise MeshError(f"{topology.n_components} components; {verb} takes one: {cure('components')}")
+        raise MeshError(f"{topology.n_components} components; {verb} takes one: {remedy('components')}")
     if topology.is_closed:
-        raise MeshError(f"the surface is closed; {verb} needs a boundary: {cure('no boundary')}")
+        raise MeshError(f"the surface is closed; {verb} needs a boundary: {remedy('no boundary')}")
     if topology.genus:
-        raise MeshError(f"{topology.genus} handles; {verb} takes a surface without: {cure('handles')}")
+        raise MeshError(f"{topology.genus} handles; {verb} takes a surface without: {remedy('handles')}")
     loops = boundary_vertex_loops(topology)
     if len(loops) > 1:
         log.warning("the surface has %d boundary loops; the longest bounds the map", len(loops))
@@ -208,7 +208,9 @@ def require_size_at_boundary(loops: list[NDArray], has_size: NDArray) -> None:
     missing = [int(v) for loop in loops for v in loop[~has_size[loop]]]
     if missing:
         vertices = counted(len(missing), "boundary vertex has", "boundary vertices have")
-        raise MeshError(f"{vertices} only faces without area (first: vertex {missing[0]}); {cure('no area')}")
+        raise MeshError(
+            f"{vertices} only faces without area (first: vertex {missing[0]}); {remedy('no area')}"
+        )
 
 
 def _with_fans(L: csr_array, holes: list[NDArray]) -> csr_array:

@@ -20,8 +20,8 @@ from ddgcli.algorithms.laplacian.laplace_operator import (
 from ddgcli.algorithms.laplacian.tasks import LaplacianResult, LaplacianTasks
 from ddgcli.choices import CONFORMAL_BOUNDARIES, ITERATIVE_SOLVERS, SMOOTHING_FLOWS
 from ddgcli.errors import counted, renamed_parameters
-from ddgcli.geometry.cures import cure_of_bad_shapes
 from ddgcli.geometry.extrinsic import face_area_vector
+from ddgcli.geometry.remedies import remedy_for_bad_shapes
 from ddgcli.linalg.residual_gate import within_residuals
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -103,7 +103,7 @@ def solve_laplacian_tasks(
     result.converged &= within_residuals(
         result.accuracy,
         (*RESIDUALS, *principle),
-        partial(cure_of_bad_shapes, mesh),
+        partial(remedy_for_bad_shapes, mesh),
     )
     return result
 

@@ -10,8 +10,8 @@ from ddgcli.errors import MeshError, ParameterError, counted
 from ddgcli.geometry.extrinsic import dihedral_angle, folded_edges
 from ddgcli.linalg.constrain import Dirichlet
 from ddgcli.mesh.boundary import boundary_vertex_loops
-from ddgcli.mesh.cures import cure
 from ddgcli.mesh.edge_lookup import edge_indices
+from ddgcli.mesh.remedies import remedy
 from ddgcli.mesh.require import require
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -98,7 +98,7 @@ def _refuse_folded_patches(mesh: TriangleMesh, closed: TriangleMesh, loops: list
     elif {component[v[0]] for v in others} & {component[v[0]] for v in flat}:
         advice = f"name another loop by one of its vertices, such as `fill={others[0][0]}`"
     else:
-        advice = f"{cure('components')}, then fill its loops"
+        advice = f"{remedy('components')}, then fill its loops"
     raise MeshError(
         f"{counted(len(flat), 'boundary loop bounds', 'boundary loops bound')} flat pieces, onto which "
         f"patches would fold (first: through vertex {flat[0][0]}); {advice}"

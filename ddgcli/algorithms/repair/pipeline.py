@@ -243,7 +243,7 @@ def _require_manifold(
 ) -> None:
     """Raise an error for what the step does not take.
 
-    Its cure adds steps that run before this one, or is a repair of its own that repeats the steps before.
+    Its remedy adds steps that run before this one, or is a repair of its own that repeats the steps before.
     """
     one_sided = parameter == "cut_to_disk"
     try:
@@ -253,7 +253,7 @@ def _require_manifold(
         if "`repair=cut_to_disk" in str(error) and earlier_steps.pop("weld", None) is not None:
             advice = ", and drop `weld` then, which closes the cut"
 
-        def cure(match: re.Match[str]) -> str:
+        def remedy(match: re.Match[str]) -> str:
             steps = match[1].split()
             names = {word.partition("=")[0] for word in steps}
             if names <= EARLY_STEPS:
@@ -262,7 +262,7 @@ def _require_manifold(
             return f" with `repair={' '.join([*earlier, *steps])}`"
 
         raise MeshError(
-            f"`{parameter}`: {re.sub(' with `repair=([^`]*)`', cure, str(error))}{advice}"
+            f"`{parameter}`: {re.sub(' with `repair=([^`]*)`', remedy, str(error))}{advice}"
         ) from None
 
 

@@ -90,12 +90,12 @@ def check_solid_steps(mesh: TetMesh, chosen_steps: RepairSteps) -> list[str]:
     others = [name for name in steps if name not in SOLID_STEPS]
     if others:
         names = ", ".join(f"`{step}`" for step in SOLID_STEPS)
-        cure = (
+        remedy = (
             f"leave {', '.join(f'`{step}`' for step in others)} out"
             if len(others) < len(steps)
             else ("name one of them")
         )
-        raise ParameterError(f"is a step of surfaces, tetrahedra have {names}; {cure}", parameter=others[0])
+        raise ParameterError(f"is a step of surfaces, tetrahedra have {names}; {remedy}", parameter=others[0])
     flat = mesh.flat_tetrahedra if "drop_degenerate" in steps else ()
     if len(flat) == len(mesh.tetrahedra):
         refuse_flat_cells(mesh.flat_tetrahedra, len(flat))

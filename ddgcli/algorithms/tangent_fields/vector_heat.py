@@ -26,8 +26,8 @@ from ddgcli.errors import counted
 from ddgcli.geometry.component_sides import component_mean_side, on_vertices
 from ddgcli.linalg.factor import Factor
 from ddgcli.linalg.scaled_rows import scaled_rows
-from ddgcli.mesh.cures import cure
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.remedies import remedy
 from ddgcli.operators.connection import check_tangent_planes, connection_laplacian
 from ddgcli.operators.laplacian import lumped_mass, stiffness
 
@@ -195,7 +195,7 @@ class VectorHeat:
         if count := int((reached & ~(heat > 0)).sum()):
             _log.warning(
                 f"the heat is not positive at {counted(count, 'vertex', 'vertices')}, for faces with obtuse "
-                f"angles: vectors are reversed there; {cure('no area')}"
+                f"angles: vectors are reversed there; {remedy('no area')}"
             )
 
     def _lengths(self, vertex: NDArray, size: NDArray) -> tuple[NDArray, float]:

@@ -19,8 +19,8 @@ from ddgcli.errors import MeshError, ParameterError, counted
 from ddgcli.geometry.face_frames import to_face_frame, to_space
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.geometry.unfolding import APEX, Fans, Unfolding, unfold, vertex_fans
-from ddgcli.mesh.cures import cure
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.remedies import remedy
 from ddgcli.mesh.require import refuse_repeated_vertices
 from ddgcli.mesh.vectors import row_cross, vector_length
 from ddgcli.progress import ProgressCallback
@@ -63,7 +63,7 @@ class Tracer:
             raise MeshError(
                 f"{counted(len(bad), 'edge joins', 'edges join')} faces of opposite orientation "
                 f"(first: vertices {a}-{b}); "
-                f"tracing needs consistently oriented faces: {cure('orientation')}"
+                f"tracing needs consistently oriented faces: {remedy('orientation')}"
             )
         self.mesh = mesh
         self.unfolding: Unfolding = unfold(mesh)

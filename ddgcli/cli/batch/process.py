@@ -21,7 +21,7 @@ from typing import Any
 from ddgcli.cli.batch.tasks import Task
 
 POLL_SECONDS = 0.02
-MESSAGE_LENGTH = 600  # messages have their cure at the end
+MESSAGE_LENGTH = 600  # messages have their remedy at the end
 CLOCK_RESOLUTION_SECONDS = 2.0  # of time stamps on the coarsest file systems
 PROGRAM = (sys.executable, "-m", "ddgcli")
 

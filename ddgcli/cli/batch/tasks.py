@@ -235,13 +235,14 @@ def _shared_output_error(first: Task, second: Task, output: str) -> ParameterErr
     """Error of two tasks that would write one file, with the fields in which they differ."""
     own, other = (_fields(task.input, task.index, task.parameters) for task in (first, second))
     differ = [name for name in (*first.parameters, "stem", "name", "index") if own[name] != other[name]]
-    cures = " or ".join(f"{{{name}}}" for name in differ)
+    remedies = " or ".join(f"{{{name}}}" for name in differ)
     if first.input == second.input:
         return ParameterError(
-            f"several swept values would be written to one path, {output}; add {cures}", parameter="output"
+            f"several swept values would be written to one path, {output}; add {remedies}", parameter="output"
         )
     return ParameterError(
-        f"{first.input} and {second.input} would both be written to {output}; add {cures}", parameter="output"
+        f"{first.input} and {second.input} would both be written to {output}; add {remedies}",
+        parameter="output",
     )
 
 

@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ddgcli.cli.forecast.check_cost import CURES, dry_run_of
+from ddgcli.cli.forecast.check_cost import REMEDIES, dry_run_of
 from ddgcli.errors import ParameterError
 
 if TYPE_CHECKING:
@@ -109,7 +109,7 @@ def refuse_batch(cost: dict[str, Any], jobs: int) -> None:
         required, available = (cost[name] / 1024 for name in ("peak_mib", "available_mib"))
         raise ParameterError(
             f"{min(jobs, cost['runs'])} runs at a time need about {required:.3g} GiB of memory, and "
-            f"{available:.3g} GiB are available; {CURES['batch']}"
+            f"{available:.3g} GiB are available; {REMEDIES['batch']}"
         )
 
 

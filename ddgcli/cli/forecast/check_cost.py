@@ -25,7 +25,7 @@ __all__ = ["check_cost", "dry_run_of", "predict_run", "refined_prediction", "ref
 MIN_CHECKED_ELEMENTS = 100_000  # smaller inputs fit, and their runs need no prediction
 COMPARISON_EXPONENT = 1.1  # growth of the seconds of a comparison with the faces
 DEFAULT_FRAME_COUNT = 50  # of flows with adaptive steps
-CURES = {
+REMEDIES = {
     "laplacian": "use fewer eigenpairs, a coarser mesh, or a machine with more memory",
     "geodesic": "use --method fast-marching or heat, or a coarser mesh",
     "delaunay": "leave --refine and --overlay out, or use a coarser mesh",
@@ -34,7 +34,7 @@ CURES = {
     "view": "show fewer frames with --every, or a coarser mesh",
     "batch": "use fewer --jobs, or a coarser mesh",
 }
-DEFAULT_CURE = "use a coarser mesh, or a machine with more memory"
+DEFAULT_REMEDY = "use a coarser mesh, or a machine with more memory"
 
 
 def _step_count(duration: float, each: float) -> int:
@@ -210,7 +210,7 @@ def refuse_run(run: Any, size: InputSize, prediction: Prediction) -> None:
 
     path = run.input.get("path") or run.command
     what = f"{path}: {run.command} on {size.elements:,} elements"
-    refuse_without_memory(prediction, what, CURES.get(run.command, DEFAULT_CURE))
+    refuse_without_memory(prediction, what, REMEDIES.get(run.command, DEFAULT_REMEDY))
 
 
 def dry_run_of(words: Sequence[str]) -> dict[str, Any]:

@@ -251,13 +251,13 @@ def fits(prediction: Prediction, certainly: bool = True) -> bool:
     return required <= available_memory(enough=required)
 
 
-def refuse_without_memory(prediction: Prediction, what: str, cure: str) -> None:
+def refuse_without_memory(prediction: Prediction, what: str, remedy: str) -> None:
     """Raise ParameterError for a run that cannot fit: even the low end of the prediction is too much."""
     if not fits(prediction, certainly=False):
         available = available_memory() / MIB
         raise ParameterError(
             f"{what} needs about {prediction.peak_mib / 1024:.3g} GiB of memory, and "
-            f"{(available + prediction.read_mib) / 1024:.3g} GiB are available; {cure}"
+            f"{(available + prediction.read_mib) / 1024:.3g} GiB are available; {remedy}"
         )
 
 

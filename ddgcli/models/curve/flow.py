@@ -126,10 +126,10 @@ class CurveFlow:
         try:
             return self._stepped(state, time, dt)
         except SolveError as error:
-            cure = "use a shorter `step`"
+            remedy = "use a shorter `step`"
             if self.length_penalty:
-                cure += " or a smaller `length_penalty`"
-            raise SolveError(f"the matrix of a step is singular to working precision; {cure}") from error
+                remedy += " or a smaller `length_penalty`"
+            raise SolveError(f"the matrix of a step is singular to working precision; {remedy}") from error
 
     def _stepped(self, state: CurveState, time: float, dt: float) -> CurveState:
         dt, time = dt / self.time_unit, time / self.time_unit

@@ -115,14 +115,14 @@ def _warn_of_motion(flow: CurveFlow, limit: int, dt: float, series: Mapping[str,
             longest = ACCURATE_STEP * float(radius[flow.mesh.closed].min()) ** 2 * flow.time_unit
     if math.isinf(further):
         step = dt * max(5.0, float((radius.max() / radius.min()) ** flow.time_power))
-        cure = f"a longer step leads further: `step={step:.3g}`"
+        remedy = f"a longer step leads further: `step={step:.3g}`"
     else:
         step, more = min(dt * further / limit, longest), f"more of them: `steps={_hundreds(further)}`"
         n_steps = f" with `steps={_hundreds(dt * further / step)}`" if step == longest else ""
-        cure = f"a longer step leads further: `step={step:.3g}`{n_steps}, or {more}"
+        remedy = f"a longer step leads further: `step={step:.3g}`{n_steps}, or {more}"
         if step <= dt:
-            cure = f"take {more}"
-    log.warning("curves still move after %d steps, the most without `steps` or `duration`; %s", limit, cure)
+            remedy = f"take {more}"
+    log.warning("curves still move after %d steps, the most without `steps` or `duration`; %s", limit, remedy)
 
 
 def _hundreds(n_steps: float) -> int:

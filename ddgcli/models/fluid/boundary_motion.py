@@ -153,8 +153,8 @@ def refuse_outward_inflow(sections: Sequence[BoundaryPart], owner: NDArray, flux
     for i, section in enumerate(sections):
         own = flux[:, owner == i]
         if section.kind == "inflow" and not (own.sum(axis=1) < 0).any():
-            cure = "reverse it" if own.any() else "give it a speed towards the fluid"
-            raise ValueError(f"inflow: velocity {section.velocity} brings no fluid in; {cure}")
+            remedy = "reverse it" if own.any() else "give it a speed towards the fluid"
+            raise ValueError(f"inflow: velocity {section.velocity} brings no fluid in; {remedy}")
 
 
 def velocity_at(section: BoundaryPart, points: NDArray, time: float) -> NDArray[np.float64]:

@@ -301,8 +301,8 @@ def _refuse_imbalance(loop: NDArray, flux: NDArray, natural: NDArray, largest: f
         raise ValueError("the whole boundary loop is a natural outflow; prescribe its flux or velocity")
     imbalance = flux_imbalance(flux, natural, largest)
     if imbalance:
-        cure = "balance the fluxes, or leave velocity and flux out of an outflow there"
+        remedy = "balance the fluxes, or leave velocity and flux out of an outflow there"
         raise ValueError(
             f"{imbalance.format(unit='m^2/s')} through the boundary loop of vertex {loop[0]}; "
-            f"{division or cure}"
+            f"{division or remedy}"
         )

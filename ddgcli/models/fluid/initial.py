@@ -182,11 +182,13 @@ def _warn_of_rest(parameters: InitialSection, space: SurfaceSpace, vorticity: ND
 
 def _warn_of_still_vorticity(name: str, space: SurfaceSpace) -> None:
     """Report vorticity at walls alone, where the velocity has none to turn."""
-    cure = "give a vorticity that differs from zero at vertices inside"
+    remedy = "give a vorticity that differs from zero at vertices inside"
     if not len(space.free):
-        cure = "no vertex of its mesh is inside: give its grid more cells, or split the faces of its mesh in "
-        cure += "four (`laplacian` with `subdivide=1` writes that)"
-    log.warning("the initial vorticity of %s, on walls alone, leaves the fluid at rest; %s", name, cure)
+        remedy = (
+            "no vertex of its mesh is inside: give its grid more cells, or split the faces of its mesh in "
+        )
+        remedy += "four (`laplacian` with `subdivide=1` writes that)"
+    log.warning("the initial vorticity of %s, on walls alone, leaves the fluid at rest; %s", name, remedy)
 
 
 def balanced(space: SurfaceSpace, vorticity: NDArray, terms: NDArray) -> NDArray[np.float64]:

@@ -28,7 +28,7 @@ SMOOTHING_PASSES = 12
 PROJECTION_STEPS = 4
 MIN_SEPARATION = 0.3  # of two vertices on the outline, over the edge between them before
 DIFFERENCE_STEP = 1e-6  # of the fluid's size, for the slope of a signed distance
-OBSTACLE_CURE = "change the size or the place of an obstacle"
+OBSTACLE_REMEDY = "change the size or the place of an obstacle"
 SignedDistance = Callable[[NDArray], NDArray[np.float64]]
 
 
@@ -135,7 +135,8 @@ def require_apart(context: FluidContext) -> None:
         place = ", ".join(f"{value:.4g}" for value in context.points[bad[0]])
         raise MeshError(
             f"at {counted(len(bad), 'vertex', 'vertices')} (first: ({place})) an obstacle touches the "
-            f"boundary, another obstacle or itself, which leaves no room: {OBSTACLE_CURE}, or refine the mesh"
+            "boundary, another obstacle or itself, which leaves no room: "
+            f"{OBSTACLE_REMEDY}, or refine the mesh"
         )
 
 
@@ -150,7 +151,7 @@ def _division(context: FluidContext, cells: NDArray) -> str:
     whole = "" if before == 1 else f" instead of {before}"
     return (
         f"the obstacles divide {context.name!r} into {after} components{whole}, between which nothing flows; "
-        f"{OBSTACLE_CURE} to connect them"
+        f"{OBSTACLE_REMEDY} to connect them"
     )
 
 

@@ -59,17 +59,17 @@ def summary(outcome: Outcome, models: Mapping[str, FluidModel]) -> tuple[dict[st
     losses, largest_energy = _scheme_losses(outcome.series, totals, models, least_energy)
     results = _results(outcome, models)
     accuracy = _drifts(outcome.series, least_energy, circulation, enstrophy) | losses
-    integrator, cure = results["integrator"], _cure_of_losses(models)
+    integrator, remedy = results["integrator"], _remedy_for_losses(models)
     if "corrections" in outcome.series:
         counts = outcome.series["corrections"][-1]
-        results["corrections"] = _corrections(counts, largest_energy, integrator, cure)
+        results["corrections"] = _corrections(counts, largest_energy, integrator, remedy)
     if integrator == "conservative":
         if _keeps_energy(models):
             losses = {"energy_lost_by_scheme": accuracy["energy_drift"], **losses}
-        cure = _cure_by_steps(losses, outcome.smallest_step) or cure
-    _warn_of_losses(losses, integrator, cure)
+        remedy = _remedy_by_steps(losses, outcome.smallest_step) or remedy
+    _warn_of_losses(losses, integrator, remedy)
     if integrator in CARRYING_INTEGRATORS and _keeps_energy(models):
-        _warn_of_circulation(accuracy["circulation_drift"], integrator, cure)
+        _warn_of_circulation(accuracy["circulation_drift"], integrator, remedy)
     _warn_of_unresolved_vorticity(models)
     _warn_of_lost_transport(outcome.last, models)
     return results, accuracy | _linear_solver_accuracy(models)
@@ -127,13 +127,13 @@ def _drifts(
     return drifts
 
 
-def _cure_of_losses(models: Mapping[str, FluidModel]) -> str:
+def _remedy_for_losses(models: Mapping[str, FluidModel]) -> str:
     # of the integrators that keep energy, volumes have `energy` alone
     alternative = "energy" if any(m.context.is_volume for m in models.values()) else "conservative"
     return f"integrator {alternative}, or a finer or more regular mesh"
 
 
-def _cure_by_steps(losses: Mapping[str, float], smallest_step: float) -> str:
+def _remedy_by_steps(losses: Mapping[str, float], smallest_step: float) -> str:
     """Steps that bring the largest loss below half its limit; "" where none exceeds it."""
     worst = max(losses.values(), default=0.0)
     if worst <= MAX_LOSS_SHARE or not smallest_step:
@@ -186,21 +186,21 @@ def _keeps_energy(models: Mapping[str, FluidModel]) -> bool:
     )
 
 
-def _warn_of_losses(losses: Mapping[str, float], integrator: str, cure: str) -> None:
+def _warn_of_losses(losses: Mapping[str, float], integrator: str, remedy: str) -> None:
     for name, share in losses.items():
         if share > MAX_LOSS_SHARE:
             log.warning(
                 "integrator %s lost %.2g %% of the %s (warned of above %.0f %%): take %s",
-                integrator, 100.0 * share, name.split("_")[0], 100.0 * MAX_LOSS_SHARE, cure,
+                integrator, 100.0 * share, name.split("_")[0], 100.0 * MAX_LOSS_SHARE, remedy,
             )  # fmt: skip
 
 
-def _warn_of_circulation(drift: float, integrator: str, cure: str) -> None:
+def _warn_of_circulation(drift: float, integrator: str, remedy: str) -> None:
     if drift > MAX_LOSS_SHARE:
         log.warning(
             "integrator %s changed the circulation along a boundary loop, which is constant, by %.2g %% of "
             "the vorticity (warned of above %.0f %%): take %s",
-            integrator, 100.0 * drift, 100.0 * MAX_LOSS_SHARE, cure,
+            integrator, 100.0 * drift, 100.0 * MAX_LOSS_SHARE, remedy,
         )  # fmt: skip
 
 
@@ -222,7 +222,7 @@ def _warn_of_lost_transport(last: TrajectoryFrame | None, models: Mapping[str, F
             warn_of_lost_transport(model.setting, [model.start["vorticity"], *at_end], duration)
 
 
-def _corrections(counts: NDArray, energy: float, integrator: str, cure: str) -> dict[str, float]:
+def _corrections(counts: NDArray, energy: float, integrator: str, remedy: str) -> dict[str, float]:
     """In how many parts of steps each correction acted; warn where the last resort took much `energy`."""
     steps, *acted, removed = counts.tolist()
     share = removed / (energy or 1.0)
@@ -231,7 +231,7 @@ def _corrections(counts: NDArray, energy: float, integrator: str, cure: str) -> 
         log.warning(
             "integrator %s scaled the flow in %d of %d steps, a last resort that took %.2g %% of the energy "
             "(warned of above %.0f %%): take %s",
-            integrator, by_name["scaling"], int(steps), 100.0 * share, 100.0 * MAX_LOSS_SHARE, cure,
+            integrator, by_name["scaling"], int(steps), 100.0 * share, 100.0 * MAX_LOSS_SHARE, remedy,
         )  # fmt: skip
     return {"steps": int(steps), **by_name, CORRECTIONS[-1]: share}
 

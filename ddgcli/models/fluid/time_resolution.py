@@ -42,11 +42,11 @@ def warn_of_unresolved_expressions(scene: Scene, context: FluidContext, step: fl
             while count < MAX_DIVISIONS and unresolved_share(text, points, shorter, duration) > MAX_DEVIATION:
                 shorter, count = 0.5 * shorter, count + 1
             if count:
-                cure = "" if count == MAX_DIVISIONS else f"; take steps of {shorter:.3g} s"
+                remedy = "" if count == MAX_DIVISIONS else f"; take steps of {shorter:.3g} s"
                 log.warning(
                     "%s: '%s' varies faster in time than steps of %.3g s follow, which take it at single "
                     "times%s",
-                    effect.name, excerpt(text), step, cure,
+                    effect.name, excerpt(text), step, remedy,
                 )  # fmt: skip
 
 

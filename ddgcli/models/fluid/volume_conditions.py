@@ -215,8 +215,8 @@ class _Rim:
             if imbalance:
                 place = "({:.4g}, {:.4g}, {:.4g})".format(*self.centre[own][0])
                 where = "" if own.all() else f" through the component at {place}"
-                cure = "balance the fluxes, or leave velocity and flux out of an outflow there"
-                raise ValueError(f"{imbalance.format(unit='m^3/s')}{where}; {self.division or cure}")
+                remedy = "balance the fluxes, or leave velocity and flux out of an outflow there"
+                raise ValueError(f"{imbalance.format(unit='m^3/s')}{where}; {self.division or remedy}")
         on_faces = np.zeros(self.n_faces)
         on_faces[self.face] = flux
         return on_faces

@@ -65,7 +65,7 @@ def vibrations(
     return {"frequencies": modes}, {f"mode_{i:03d}": shape for i, shape in enumerate(shapes)}
 
 
-def _differs_at_equilibrium(name: str, modes: Modes, cure: str) -> bool:
+def _differs_at_equilibrium(name: str, modes: Modes, remedy: str) -> bool:
     """Whether frequencies are others about the equilibrium nearby, with a warning."""
     if modes.at_equilibrium is None:
         return False
@@ -85,7 +85,7 @@ def _differs_at_equilibrium(name: str, modes: Modes, cure: str) -> bool:
         return False
     log.warning(
         "%s is not in equilibrium at the start (%s), so its frequencies there are not those of the shell at "
-        "rest under its loads: %s", name, difference, cure,
+        "rest under its loads: %s", name, difference, remedy,
     )  # fmt: skip
     return True
 

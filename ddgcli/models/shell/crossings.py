@@ -122,12 +122,12 @@ def _warn(scene: Scene, more: list[Pair], at_end: Counter[Pair], at_start: Count
         end = ", ...]" if len(different) > MAX_LISTED else "]"
         keys.append(f"pairs = {json.dumps(different[:MAX_LISTED])[:-1]}{end}")
     has_contact = scene.has_effect("contact")
-    cure = (
+    remedy = (
         f"add to contact: {' and '.join(keys)}" if has_contact else f"write contact = {{ {', '.join(keys)} }}"
     )
     log.warning(
         "shells pass through %s, which no effect of the scene prevents; pairs of faces that cross at the end "
         "(at the start): %s%s; %s",
         "themselves" if not different else "each other" if not alone else "themselves and each other",
-        ", ".join(examples), further, cure,
+        ", ".join(examples), further, remedy,
     )  # fmt: skip

@@ -222,7 +222,7 @@ def failure_reason(
     *,
     bounded: bool = False,
 ) -> str:
-    """Why the end is neither at rest nor on the flow, with a cure; or "".
+    """Why the end is neither at rest nor on the flow, with a remedy; or "".
 
     Parameters
     ----------
@@ -242,41 +242,43 @@ def failure_reason(
         ending = endings.FOLDED
     if ending is None or ending.kind != EndingKind.UNRESOLVED:
         return ""
-    message = f"{ending.text}; {_cure(ending, start, options)}"
+    message = f"{ending.text}; {_remedy(ending, start, options)}"
     logging.getLogger("ddgcli").error(message)
     return message
 
 
-def _cure(ending: Ending, start: TriangleMesh, options: FlowOptions) -> str:
+def _remedy(ending: Ending, start: TriangleMesh, options: FlowOptions) -> str:
     """What to try after an unresolved end."""
-    cure = "begin with a finer mesh"
+    remedy = "begin with a finer mesh"
     needles = options.remesh is None and _smallest_angle(start) < NEEDLE_ANGLE
     if ending == endings.PINCH:
-        cure = "bring the parts of the boundary closer together, or span each by its own surface"
+        remedy = "bring the parts of the boundary closer together, or span each by its own surface"
     elif ending in (endings.THIN_STAR, endings.FOLDED):
-        cure = "use `remesh=mean`"
+        remedy = "use `remesh=mean`"
         if start.topology.euler_characteristic < 2 * start.topology.n_components:
-            cure = "only spheres have equal curvature, and this surface has handles: use `flow=quadratic`"
+            remedy = "only spheres have equal curvature, and this surface has handles: use `flow=quadratic`"
     elif ending == endings.NOT_CONFORMAL_REST:
-        cure = "go on from there with `flow=quadratic`"
+        remedy = "go on from there with `flow=quadratic`"
     elif ending == endings.SLOW_NEWTON:
-        cure = "use `flow=quadratic` with `subdivide=1`"
+        remedy = "use `flow=quadratic` with `subdivide=1`"
     elif ending == endings.FALSE_REST:
-        cure = "begin with `subdivide=1`"
+        remedy = "begin with `subdivide=1`"
         if _can_remesh(options):
-            cure = "use `remesh=mean`, or begin with `subdivide=1`"
+            remedy = "use `remesh=mean`, or begin with `subdivide=1`"
     elif options.spontaneous_curvature:
-        cure = "use a smaller `spontaneous_curvature`, or `subdivide=1`"
+        remedy = "use a smaller `spontaneous_curvature`, or `subdivide=1`"
     elif options.flow == "newton" and (options.fix_area or options.fix_volume):
-        cure = "use `flow=quadratic`, whose vertices slide into better triangles"
+        remedy = "use `flow=quadratic`, whose vertices slide into better triangles"
     elif chosen_energy(start.topology, options) != "cotan":
         refined = f"the mesh of `refined_mesh={REFINEMENT_ANGLE}`"
-        cure = f"begin with {refined}, or use `energy=cotan`" if needles else f"use `energy=cotan`, or {cure}"
+        remedy = (
+            f"begin with {refined}, or use `energy=cotan`" if needles else f"use `energy=cotan`, or {remedy}"
+        )
     elif options.remesh is not None:
-        cure = "use a shorter `remesh`"
+        remedy = "use a shorter `remesh`"
     elif _can_remesh(options):
-        cure = "begin with `subdivide=1`, or use `remesh=mean`"  # which does not help where faces are few
-    return cure
+        remedy = "begin with `subdivide=1`, or use `remesh=mean`"  # which does not help where faces are few
+    return remedy
 
 
 def _can_remesh(options: FlowOptions) -> bool:

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from ddgcli.choices import WILLMORE_BOUNDARIES, WILLMORE_ENERGIES, WILLMORE_FLOWS
 from ddgcli.errors import MeshError, ParameterError
-from ddgcli.mesh.cures import cure
 from ddgcli.mesh.ragged import unique_keys
+from ddgcli.mesh.remedies import remedy
 from ddgcli.mesh.require import require
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -217,14 +217,14 @@ def _moving_components(
     if options.remesh:
         raise MeshError(
             f"remeshing takes one component at a time where area or volume is kept, and {len(moving)} move; "
-            f"leave `remesh` out, or {cure('components', topology)}"
+            f"leave `remesh` out, or {remedy('components', topology)}"
         )
     if film:
         names = " and ".join(f"`{name}`" for name in ("fix_area", "fix_volume") if getattr(options, name))
         raise MeshError(
             f"`flow=mean-curvature` with {names} would keep the sum of {len(moving)} components, which "
             "exchange it; name the vertices of one by `region` (the others stay), or "
-            f"{cure('components', topology)}"
+            f"{remedy('components', topology)}"
         )
     number = np.full(topology.n_components + 1, -1)
     number[moving] = np.arange(len(moving))
@@ -236,7 +236,7 @@ def _require_conformal(mesh: TriangleMesh, options: FlowOptions, region: NDArray
     require(mesh, "`flow=conformal`", closed=True)
     if mesh.topology.n_components != 1:
         raise MeshError(
-            f"`flow=conformal` takes one component at a time: {cure('components', mesh.topology)}"
+            f"`flow=conformal` takes one component at a time: {remedy('components', mesh.topology)}"
         )
     if options.fix_area or options.fix_volume or options.spontaneous_curvature:
         raise ParameterError(

@@ -19,8 +19,8 @@ from ddgcli.algorithms.geodesics.exact.wavefront import Wavefront
 from ddgcli.algorithms.geodesics.sources import Sources, VertexDistances, check_sources
 from ddgcli.errors import MeshError, ParameterError, SolveError, counted
 from ddgcli.geometry.surface_points import SurfacePoints
-from ddgcli.mesh.cures import cure
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.remedies import remedy
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 log = logging.getLogger("ddgcli")
@@ -168,7 +168,7 @@ def _check_arguments(mesh: SurfaceMesh, tolerance: float, directions: bool) -> N
         )
     if directions and not mesh.topology.is_oriented:
         raise MeshError(
-            f"neighbouring faces have opposite orientation: directions have no sign; {cure('orientation')}"
+            f"neighbouring faces have opposite orientation: directions have no sign; {remedy('orientation')}"
         )
 
 

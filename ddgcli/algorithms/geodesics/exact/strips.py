@@ -23,7 +23,7 @@ from ddgcli.algorithms.geodesics.exact.pool import WindowPool
 from ddgcli.algorithms.geodesics.exact.tables import BOUNDARY, WindowTables
 from ddgcli.algorithms.geodesics.exact.wavefront import Wavefront
 from ddgcli.errors import SolveError
-from ddgcli.mesh.cures import cure
+from ddgcli.mesh.remedies import remedy
 
 MIN_DIRECTION_HEIGHT = 1e-15  # uy of a strip that rounding made parallel to its side
 
@@ -79,7 +79,7 @@ def propagate_strips(
         if wavefront.windows > most_windows:
             raise SolveError(
                 f"exact distance stopped after {wavefront.windows} windows; the triangles are too "
-                f"degenerate: use `method=fast-marching`, or {cure('no area')}"
+                f"degenerate: use `method=fast-marching`, or {remedy('no area')}"
             )
         if wavefront.targets is not None:
             wavefront.targets.update_by_strips(lines, where)

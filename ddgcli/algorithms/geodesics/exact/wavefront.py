@@ -32,8 +32,8 @@ from ddgcli.algorithms.geodesics.exact.shadow import MARGIN, shadow_of
 from ddgcli.algorithms.geodesics.exact.tables import BOUNDARY, WindowTables, incoming_directions
 from ddgcli.algorithms.geodesics.exact.targets import WindowTargets
 from ddgcli.errors import SolveError
-from ddgcli.mesh.cures import cure
 from ddgcli.mesh.ragged import ranges
+from ddgcli.mesh.remedies import remedy
 
 MIN_SOURCE_HEIGHT = 1e-15  # relative to the side, so that a source on the side still has lines across it
 PROGRESS_INTERVAL = 4  # rounds between two calls of the progress callback
@@ -293,7 +293,7 @@ class Wavefront:
             if self.windows > most_windows or self.rounds > self.max_rounds:
                 raise SolveError(
                     f"exact distance stopped after {self.windows} windows in {self.rounds} rounds on "
-                    f"degenerate triangles: use `method=fast-marching`, or {cure('no area')}"
+                    f"degenerate triangles: use `method=fast-marching`, or {remedy('no area')}"
                 )
             if where.shape[1] == 0:
                 continue

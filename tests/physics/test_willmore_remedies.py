@@ -1,4 +1,4 @@
-"""Every cure that a refusal of `willmore-flow` names is run, as its message words it."""
+"""Every remedy that a refusal of `willmore-flow` names is run, as its message words it."""
 
 import re
 import shlex
@@ -67,7 +67,7 @@ def without(words, name):
     return words[:at] + words[at + (1 if name in FLAGS else 2) :]
 
 
-def cures(message, words):
+def remedies(message, words):
     """Commands that a refusal names, each as (command of repair or None, words of the flow)."""
     commands = []
     if repair := re.search(r"ddgcli (repair .*? -o \S+)", message):
@@ -147,14 +147,14 @@ REFUSALS = [
 @pytest.mark.parametrize(
     "mesh, words, count", REFUSALS, ids=lambda value: " ".join(map(str, np.ravel(value)))
 )
-def test_every_cure_that_a_refusal_names_is_accepted(run, tmp_path, monkeypatch, mesh, words, count):
+def test_every_remedy_that_a_refusal_names_is_accepted(run, tmp_path, monkeypatch, mesh, words, count):
     monkeypatch.chdir(tmp_path)
     np.save("all.npy", np.ones(42))
     np.savetxt("0.txt", [20], fmt="%d")
     write_mesh("mesh.ply", AnnotatedMesh(MESHES[mesh]()))
     refused = run("willmore-flow", "mesh.ply", *words)
     assert refused.exit_code == 2 and len(refused.stderr.splitlines()) == 1 and "`" not in refused.stderr
-    commands = cures(refused.stderr.strip(), words)
+    commands = remedies(refused.stderr.strip(), words)
     assert len(commands) == count, refused.stderr
     for repair, cured in commands:
         if repair is not None:

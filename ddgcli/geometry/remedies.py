@@ -1,4 +1,4 @@
-"""Cures that depend on the mesh: of ill-conditioned systems, and of components that touch without edges."""
+"""Remedies that depend on the mesh: for ill-conditioned systems, and for components in pieces."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from ddgcli.geometry.extrinsic import dihedral_angle, folded_edges
 from ddgcli.geometry.t_junctions import t_junctions
 from ddgcli.mesh.components import connected_labels
-from ddgcli.mesh.cures import cure
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.ragged import repeated_rows
+from ddgcli.mesh.remedies import remedy
 from ddgcli.mesh.repair import merged_points
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh, unit_side_blocks
@@ -21,7 +21,7 @@ from ddgcli.mesh.vectors import cross, dot, vector_length
 THIN_TRIANGLE = 1e-5  # area over squared longest side below which a triangle alone leaves such errors
 
 
-def cure_of_bad_shapes(mesh: SurfaceMesh | TetMesh) -> str:
+def remedy_for_bad_shapes(mesh: SurfaceMesh | TetMesh) -> str:
     """What to do about cells whose shapes cause large rounding errors, for error messages.
 
     Thin triangles that have area are left by the repair; their vertices have to move.
@@ -38,9 +38,9 @@ def cure_of_bad_shapes(mesh: SurfaceMesh | TetMesh) -> str:
     if isinstance(mesh, TetMesh):
         if not 0 < len(mesh.flat_tetrahedra) < len(mesh.tetrahedra):
             return "thin tetrahedra leave rounding errors; move their vertices, or mesh the body again"
-        return f"cells without volume leave rounding errors; {cure('no volume')}"
+        return f"cells without volume leave rounding errors; {remedy('no volume')}"
     if isinstance(mesh, TriangleMesh) and _repair_helps(mesh):
-        return f"faces without area or folded onto others leave rounding errors; {cure('folds')}"
+        return f"faces without area or folded onto others leave rounding errors; {remedy('folds')}"
     return "thin triangles leave rounding errors; move their vertices, or mesh the surface again"
 
 
@@ -85,7 +85,7 @@ def warn_of_pieces(mesh: TriangleMesh | TetMesh) -> None:
     label = connected_labels(of_vertex[boundary], n + place, n + int(place.max()) + 1)[1][:n]
     n_touching = int((np.bincount(label)[label] > 1).sum())
     if n_touching:
-        advice = cure(defect)
+        advice = remedy(defect)
         coincide = len(repeated_rows(np.sort(place[ends.reshape(rim.shape)], axis=1))) > 0
         if isinstance(mesh, TriangleMesh):
             gains = _weld_joins_sheets(mesh) if coincide else len(t_junctions(_welded(mesh))[1]) > 0
@@ -93,7 +93,7 @@ def warn_of_pieces(mesh: TriangleMesh | TetMesh) -> None:
                 return
         if not coincide:
             advice = f"no {side}s of theirs coincide (T-junctions), so that a weld joins vertices alone; "
-            advice += cure("slits") if side == "edge" else "divide the faces so that they match"
+            advice += remedy("slits") if side == "edge" else "divide the faces so that they match"
         logging.getLogger("ddgcli").warning(
             "%d of %d components have boundary vertices at equal positions, where nothing connects them: the "
             "%s is in pieces; %s", n_touching, n, what, advice,
@@ -119,7 +119,7 @@ def weld_advice(mesh: SurfaceMesh, unreached: NDArray[np.bool_]) -> str:
         return ""
     place, used = merged_points(mesh.points)[1], mesh.topology.referenced_vertex
     meet = np.isin(place[used & unreached], place[used & ~unreached]).any()
-    return f"; {cure('equal positions')}" if meet and _weld_joins_sheets(mesh) else ""
+    return f"; {remedy('equal positions')}" if meet and _weld_joins_sheets(mesh) else ""
 
 
 def _weld_joins_sheets(mesh: TriangleMesh) -> bool:

@@ -1,7 +1,7 @@
-"""Cures of defects of meshes, for the messages that refuse them.
+"""Remedies for defects of meshes, for the error messages that report them.
 
-A cure names the steps of `repair_mesh` in back quotes, such as `` `repair=split_fans orient` ``; the command
-line writes them as a call of `ddgcli repair`, the library as one of `ddg.repair_mesh`.
+A remedy names the steps of `repair_mesh` in back quotes, such as `` `repair=split_fans orient` ``: the
+command line prints them as a call of `ddgcli repair`, the library as a call of `ddg.repair_mesh`.
 `` `repair_cells=orient` `` is a repair of tetrahedra.
 """
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ddgcli.mesh.topology import Topology
 
 # defect -> what to do, and the steps of the repair that do it
-CURES = {
+REMEDIES = {
     "edge of three faces": ("split the surface there", "split_fans"),
     "several fans": ("duplicate such vertices, one for each fan", "split_fans"),
     "orientation": ("reverse faces", "orient"),
@@ -47,7 +47,7 @@ CELL_DEFECTS = (
 STEPS_ON_MANIFOLDS = ("fill_holes", "cut_to_disk")
 
 
-def cure(
+def remedy(
     defect: str, topology: Topology | None = None, *, manifold: bool = False, oriented: bool = False
 ) -> str:
     """What to do about a defect of a mesh, with the steps of the repair.
@@ -55,9 +55,9 @@ def cure(
     Parameters
     ----------
     defect : str
-        A key of `CURES`.
+        A key of `REMEDIES`.
     topology : Topology, optional
-        Of the refused mesh; adds the steps that the cure needs on this mesh.
+        Of the refused mesh; adds the steps that the remedy needs on this mesh.
     manifold, oriented : bool
         What else the refused computation requires of the mesh.
 
@@ -66,7 +66,7 @@ def cure(
     str
         Such as ``fill the holes with `repair=fill_holes=12` ``.
     """
-    return f"{CURES[defect][0]} {with_repair(defect, topology, manifold=manifold, oriented=oriented)}"
+    return f"{REMEDIES[defect][0]} {with_repair(defect, topology, manifold=manifold, oriented=oriented)}"
 
 
 def with_repair(
@@ -77,9 +77,9 @@ def with_repair(
     Parameters
     ----------
     defect : str
-        A key of `CURES`.
+        A key of `REMEDIES`.
     topology : Topology, optional
-        Of the refused mesh; adds the steps that the cure needs on this mesh.
+        Of the refused mesh; adds the steps that the remedy needs on this mesh.
     manifold, oriented : bool
         What else the refused computation requires of the mesh.
 
@@ -87,7 +87,7 @@ def with_repair(
     -------
     str
     """
-    step, *more = CURES[defect][1].split()
+    step, *more = REMEDIES[defect][1].split()
     steps = [step, *more]
     if manifold and step == "drop_degenerate":  # vertices beside such faces may join two fans then
         steps.append("split_fans")

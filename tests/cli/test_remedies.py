@@ -1,4 +1,4 @@
-"""Refusals of meshes name a call of `ddgcli repair`, and this call cures them."""
+"""Refusals of meshes name a call of `ddgcli repair`, and this call remedies them."""
 
 import json
 import re
@@ -12,8 +12,8 @@ from ddgcli.algorithms.repair.pipeline import RepairSteps
 from ddgcli.algorithms.repair.solid import repair_solid
 from ddgcli.io.mesh_file import read_mesh, write_mesh
 from ddgcli.mesh import shapes
-from ddgcli.mesh.cures import CURES, cure
 from ddgcli.mesh.fields import AnnotatedMesh
+from ddgcli.mesh.remedies import REMEDIES, remedy
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from tests.degenerate_meshes import degenerate_mesh
@@ -167,7 +167,7 @@ REFUSALS = [
 
 
 @pytest.mark.parametrize("bad, words, text", REFUSALS)
-def test_the_command_that_a_refusal_names_cures_it(run, tmp_path, monkeypatch, bad, words, text):
+def test_the_command_that_a_refusal_names_remedies_it(run, tmp_path, monkeypatch, bad, words, text):
     monkeypatch.chdir(tmp_path)
     mesh = bad()
     write_mesh("bad mesh.ply", AnnotatedMesh(mesh))
@@ -346,7 +346,7 @@ def test_a_moebius_band_is_cut_to_an_oriented_disk(run, summary, tmp_path):
         ("geodesic", ("--source", 0, "--method", "heat"), 3046),
     ],
 )
-def test_the_cure_of_a_residual_works(run, tmp_path, monkeypatch, command, words, seed):
+def test_the_remedy_of_a_residual_works(run, tmp_path, monkeypatch, command, words, seed):
     monkeypatch.chdir(tmp_path)
     mesh = degenerate_mesh(seed)
     flow = np.random.default_rng(0).normal(size=(mesh.n_faces, 3))
@@ -377,11 +377,11 @@ def test_no_repair_is_named_for_folds_of_thin_triangles(run, tmp_path, monkeypat
     assert "move their vertices" in result.stderr and "ddgcli repair" not in result.stderr
 
 
-def test_cures_name_steps_of_the_repair():
+def test_remedies_name_steps_of_the_repair():
     from ddgcli.algorithms.repair.pipeline import RepairSteps
 
-    for defect in CURES:
-        steps = re.search("`repair(?:_cells)?=(.*)`", cure(defect)).group(1).split()
+    for defect in REMEDIES:
+        steps = re.search("`repair(?:_cells)?=(.*)`", remedy(defect)).group(1).split()
         assert all(hasattr(RepairSteps(), step) for step in steps), defect
 
 
@@ -449,7 +449,7 @@ def test_pressure_in_a_one_sided_shell_has_no_repair(run, tmp_path, monkeypatch)
     assert run("shell-sim", "s.toml").exit_code == 0
 
 
-def test_pieces_whose_edges_do_not_coincide_are_joined_by_their_cure(run, tmp_path):
+def test_pieces_whose_edges_do_not_coincide_are_joined_by_their_remedy(run, tmp_path):
     """The weld of T-junctions joins vertices alone; edges are divided at the vertices on them too."""
     points = [
         [0, 0, 0],

@@ -9,7 +9,7 @@ import ddgcli as ddg
 from ddgcli.mesh import shapes
 from ddgcli.mesh.require import how_to_close
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from tests.cli.test_cures import touching_voxels, unwelded, unwelded_holes
+from tests.cli.test_remedies import touching_voxels, unwelded, unwelded_holes
 
 
 def touching_in_pieces():

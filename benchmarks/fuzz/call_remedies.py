@@ -1,4 +1,4 @@
-"""Cures that a refusal names, applied to the call: an option to add, to replace or to leave out, a repair."""
+"""Remedies that an error names, applied to the call: options to add, replace or omit, or a repair."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ ADDS = re.compile(r"add |give that|give it|give both|needs? ")
 
 
 @dataclass(frozen=True)
-class Cure:
+class Remedy:
     """What a refusal names, and the words of the call that follows it.
 
     Parameters
@@ -72,8 +72,8 @@ def without(words: list[str], command: click.Command, *names: str) -> list[str]:
     return [word for k, word in enumerate(words) if k not in indices]
 
 
-def cures(words: list[str], message: str, place: Place, mesh_name: str) -> Iterator[Cure]:
-    """The cures of a refusal, those that its text is surest about first."""
+def remedies(words: list[str], message: str, place: Place, mesh_name: str) -> Iterator[Remedy]:
+    """The remedies of a refusal, those that its text is surest about first."""
     command = command_of(subject_of(words))
     options = {o.opts[-1] if o.opts[-1].startswith("--") else max(o.opts, key=len): o
              for o in command.params if isinstance(o, click.Option)}  # fmt: skip
@@ -88,11 +88,11 @@ def cures(words: list[str], message: str, place: Place, mesh_name: str) -> Itera
             before = ("repair", mesh_word, *repair[2:-1], output)
             superfluous = OPTION.findall(" ".join(LEAVE.findall(message[match.end() :])))
             rest = without(words, command, *superfluous)
-            yield Cure("repair", [output if word == mesh_word else word for word in rest], before)
+            yield Remedy("repair", [output if word == mesh_word else word for word in rest], before)
             return
         if words[1] == "-":  # the message names what standard input holds MESH
             before = ("repair", "-", *repair[2:-1], output)
-            yield Cure("repair", [words[0], output, *without(words, command, "--input-format")[2:]], before)
+            yield Remedy("repair", [words[0], output, *without(words, command, "--input-format")[2:]], before)
             return
     head, _, tail = re.sub(r": (?=use --)", "; ", message).rpartition("; ")
     superfluous = [name for group in LEAVE.findall(tail) for name in OPTION.findall(group) if name in present]
@@ -101,34 +101,34 @@ def cures(words: list[str], message: str, place: Place, mesh_name: str) -> Itera
         advice = [(name, value) for _, name, value in ADVICE.findall(tail) if name in options and value][:1]
         for name, value in advice:
             rest = [*without(rest, command, name), name, value]
-        yield Cure(f"without {' '.join(superfluous)}", rest)
+        yield Remedy(f"without {' '.join(superfluous)}", rest)
         return
     for _, name, value in ADVICE.findall(tail):
         if name in options and not options[name].is_flag and value:
-            yield Cure(f"{name} {value}", [*without(words, command, name), name, value])
+            yield Remedy(f"{name} {value}", [*without(words, command, name), name, value])
         elif name in options and name not in present:
-            yield Cure(f"with {name}", [*words, *option_words(options[name], place)])
+            yield Remedy(f"with {name}", [*words, *option_words(options[name], place)])
     if suffixes := re.findall(r"(?<!\S)\.[a-z0-9]+", head) if "with -o" in tail else []:
-        yield Cure(
+        yield Remedy(
             f"-o {suffixes[0]}", [*words, "-o", place.output("outputs").partition(".")[0] + suffixes[0]]
         )
     mentioned = list(dict.fromkeys(name for name in OPTION.findall(message) if name in options))
     if drop := DROPS.search(tail):
         here = [name for name in OPTION.findall(tail) if name in present] or mentioned
         if " them " in drop.group(0):
-            yield Cure(f"without {' '.join(here)}", without(words, command, *here))
+            yield Remedy(f"without {' '.join(here)}", without(words, command, *here))
             return
         for name in here[:1] if " it" in drop.group(0) else here:
             if name in present:
-                yield Cure(f"without {name}", without(words, command, name))
+                yield Remedy(f"without {name}", without(words, command, name))
     elif ADDS.search(tail):
         for name in mentioned:
             if name not in present:
-                yield Cure(f"with {name}", [*words, *option_words(options[name], place)])
+                yield Remedy(f"with {name}", [*words, *option_words(options[name], place)])
 
 
 def place_of(rng: Random, words: list[str], mesh: dict) -> Place:
-    """The place of the values of options that a cure adds."""
+    """The place of the values of options that a remedy adds."""
     place = Place(rng, subject_of(words), mesh)
     place.outputs = 50  # names of files that no earlier option has
     return place
