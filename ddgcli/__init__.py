@@ -1,6 +1,6 @@
 """Discrete differential geometry on meshes: the library behind the command line.
 
-`import ddgcli as ddg` loads nothing but the table below; a name is imported, with what it needs, when it is
+`import ddgcli as ddg` loads only the table below; a name is imported, with its dependencies, when it is
 first used. `docs/library.md` shows recipes. Warnings go to `logging.getLogger("ddgcli")`.
 """
 
@@ -48,7 +48,7 @@ _MODULE["errors"] = "ddgcli.errors"
 
 __all__ = ["__version__", *sorted(_MODULE)]
 
-TYPE_CHECKING = False  # type checkers take it for true; `typing` itself would cost milliseconds
+TYPE_CHECKING = False  # type checkers assume it is true; importing `typing` would cost milliseconds
 if TYPE_CHECKING:
     from ddgcli import errors as errors
     from ddgcli.library.costs import *  # noqa: F403

@@ -20,7 +20,7 @@ QUOTED_MESH = re.compile(r"`(boundary_mesh|refined_mesh)(?:=([^`]*))?`")
 QUOTED_PARAMETER = re.compile(r"`([a-z]\w*)(?:=([^`]*))?`")  # in a message, a parameter, maybe with a value
 LONG_NUMBER = re.compile(r"(\d{20})\d{40,}")  # its first digits and the others
 LONG_WORD = re.compile(r"(\S{100})\S{240,}(\S{40})")  # its first letters, the others and its last
-LONG_QUOTE = re.compile(r"('[^']{100})[^']{240,}([^']{40}')")  # the same of a value with spaces
+LONG_QUOTE = re.compile(r"('[^']{100})[^']{240,}([^']{40}')")  # the same for a value with spaces
 
 
 def excerpt(value: object, max_length: int = MAX_EXCERPT_LENGTH) -> str:
@@ -67,7 +67,7 @@ def encodable(text: str) -> str:
     Returns
     -------
     str
-        Bytes of file names that are no UTF-8 become escapes such as \udce9, as in JSON.
+        Bytes of file names that are not UTF-8 become escapes such as \udce9, as in JSON.
     """
     return text.encode(errors="backslashreplace").decode()
 
@@ -82,8 +82,8 @@ def with_short_words(message: str) -> str:
     Returns
     -------
     str
-        Of numbers of 60 digits and more, the first 20; of words of 380 letters and more, the first 100 and
-        the last 40, as of values in quotes.
+        Numbers of 60 digits or more keep their first 20; words of 380 letters or more their first 100 and
+        last 40, as do values in quotes.
     """
     message = LONG_NUMBER.sub(r"\1...", message)
     return LONG_QUOTE.sub(r"\1...\2", LONG_WORD.sub(r"\1...\2", message))
@@ -129,7 +129,7 @@ class ParameterError(InputError):
         self.message, self.parameter = with_short_words(message), parameter
 
     def rename(self, names: Mapping[str, str]) -> None:
-        """Write other names for parameters, from the name of each."""
+        """Replace the names of parameters in the message; `names` maps old to new ones."""
         self.message = with_parameter_names(self.message, names)
         self.parameter = names.get(self.parameter or "", self.parameter)
         self.args = (self.message if self.parameter is None else f"{self.parameter}: {self.message}",)
@@ -185,7 +185,7 @@ def renamed_parameters(default: str | None = None, /, **names: str) -> Iterator[
 
 
 def named_array(arrays: Mapping[str, T], name: str, what: str = "array") -> T:
-    """Array of a name.
+    """Look up an array by its name.
 
     Parameters
     ----------
@@ -201,7 +201,7 @@ def named_array(arrays: Mapping[str, T], name: str, what: str = "array") -> T:
     Raises
     ------
     ParameterError
-        That lists the names, if it is missing.
+        If there is no such array; the message lists the names.
     """
     if name not in arrays:
         names = ", ".join(sorted(arrays)) or "none"
@@ -237,12 +237,12 @@ class SolveError(DdgError, RuntimeError):
 
 
 class InfiniteValueError(SolveError, ValueError):
-    """An expression of the input that is not finite: at the start a wrong input, later a failed run."""
+    """An expression of the input is not finite: wrong input at the start of a run, a failed run later."""
 
 
 @contextmanager
 def without_warnings() -> Iterator[None]:
-    """Log nothing within the block: a trial of what the run itself does, or did, with the same warnings.
+    """Log nothing within the block: for a trial of what the run itself does, which logs the same warnings.
 
     Yields
     ------

@@ -15,7 +15,7 @@ FROM_RESULTS = {
     "repair": re.compile(
         r"--(?:fill-holes|cut-to-disk): |the (?:repair|weld) leaves no face"
     ),  # of repaired meshes
-    "dec": re.compile(r"leave the range of numbers"),  # of entries of the stars
+    "dec": re.compile(r"leave the floating-point range"),  # of entries of the stars
     "view": re.compile(r"the page would have"),
     "geodesic": re.compile(r"is lost to rounding"),  # heat, after it is solved
     "curvature": re.compile(r"--radius: balls of radius"),  # of the noise that `auto` measures

@@ -58,7 +58,7 @@ def area_normals(mesh: TriangleMesh) -> NDArray[np.float64]:
 
 
 def _scaled_faces(mesh: TriangleMesh) -> Faces:
-    """Faces with sides of about one unit: their powers stay in the range of numbers."""
+    """Faces with sides of about one unit: their powers stay in the floating-point range."""
     longest = float(mesh.side_length.max(initial=0.0)) or 1.0
     return Faces.of(mesh, unit=math.ldexp(1.0, math.frexp(longest)[1]))  # a power of two rounds nothing
 
@@ -69,7 +69,7 @@ def sphere_normal_columns(faces: Faces) -> NDArray[np.float64]:
     Parameters
     ----------
     faces : Faces
-        With sides whose fourth powers are in the range of numbers.
+        With sides whose fourth powers are in the floating-point range.
 
     Returns
     -------

@@ -36,7 +36,7 @@ def t_junctions(mesh: TriangleMesh, distance: float = 0.0) -> tuple[NDArray[np.i
     vertex : (k,) ndarray of int64
     """
     size = float(np.abs(mesh.points).max(initial=0.0)) or 1.0
-    points = mesh.points / size  # products of coordinates stay in the range of numbers
+    points = mesh.points / size  # products of coordinates stay in the floating-point range
     topology = mesh.topology
     side = np.flatnonzero(topology.edge_face_count[topology.side_edge.ravel()] == 1)
     candidates = np.flatnonzero(topology.boundary_vertex)

@@ -27,11 +27,11 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 QUOTED_SUBDIVISION = re.compile(r"`subdivide(=1)?`")
-MAX_INTEGER = 2**63 - 1  # of numpy's indices
+MAX_INTEGER = 2**63 - 1  # largest int64
 
 
 def with_repair_call(message: str) -> str:
-    """The message with what makes another mesh, such as `` `repair=orient fill_holes=9` ``, as calls."""
+    """Replace each repair that a message advises, such as `` `repair=orient fill_holes=9` ``, by a call."""
 
     def call(match: re.Match[str]) -> str:
         steps = (step.partition("=") for step in match.group(2).split())
@@ -48,9 +48,9 @@ def with_repair_call(message: str) -> str:
 
 
 class _RepairCalls(logging.Filter):
-    """Write the repairs that warnings of the core advise as calls, inside functions of the library.
+    """Rewrite the repairs that warnings of the core advise as library calls, inside library functions.
 
-    The command line has the same logger and writes them as commands.
+    The command line uses the same logger and rewrites them as commands.
     """
 
     def filter(self, record: logging.LogRecord) -> bool:
@@ -63,24 +63,24 @@ _log.addFilter(_RepairCalls())
 
 
 def _with_repair_calls(error: DdgError) -> None:
-    """Write the repairs that an error of the core advises as calls."""
+    """Rewrite the repairs that an error of the core advises as library calls."""
     if isinstance(error, ParameterError):
         error.message = with_repair_call(error.message)
     error.args = (with_repair_call(str(error)),)
 
 
 def _scalar(value: Any) -> Any:
-    """The number in an array without axes; anything else as it is."""
+    """The number in a 0-d array; anything else unchanged."""
     return value[()] if isinstance(value, np.ndarray) and value.ndim == 0 else value
 
 
 def _shown(value: Any) -> str:
-    """A value in an error; text in quotes, because '5' is no number."""
+    """Excerpt of a value for an error message; strings are quoted, because '5' is not a number."""
     return excerpt(repr(value) if isinstance(value, str) else value, 40)
 
 
 def real_number(value: Any, name: str) -> float:
-    """A float; ParameterError for NaN, numbers above 1e308, True, False, and what is no real number."""
+    """A float; ParameterError for NaN, numbers above 1e308, True, False, and anything but a real number."""
     if isinstance(number := _scalar(value), numbers.Real) and not isinstance(number, bool):
         try:
             converted = float(number)
@@ -92,7 +92,7 @@ def real_number(value: Any, name: str) -> float:
 
 
 def whole_number(value: Any, name: str) -> int:
-    """An int; ParameterError for what is none, also for 2.0 and True, and for one above 2^63 - 1."""
+    """An int of at most 2^63 - 1; ParameterError for anything else, such as 2.0 or True."""
     is_whole = isinstance(number := _scalar(value), numbers.Integral) and not isinstance(number, bool)
     if is_whole and abs(whole := operator.index(number)) <= MAX_INTEGER:
         return whole
@@ -100,7 +100,7 @@ def whole_number(value: Any, name: str) -> int:
 
 
 def vertex_index(value: Any, name: str) -> int:
-    """An int, also of a float that is whole; ParameterError for anything else."""
+    """An int, also from a float with an integer value; ParameterError for anything else."""
     number = _scalar(value)
     if isinstance(number, (float, np.floating)) and float(number).is_integer():
         number = int(number)
@@ -129,14 +129,14 @@ def text(value: Any, name: str) -> str:
 
 
 def path_text(value: Any, name: str) -> str:
-    """Text of a path; ParameterError for what is none, bytes too."""
+    """A path as a str; ParameterError for anything else, such as bytes."""
     if isinstance(value, (str, os.PathLike)) and isinstance(path := os.fspath(value), str):
         return path
     raise ParameterError(f"must be a path, not {_shown(value)}", parameter=name)
 
 
 def path_or_table(value: Any, name: str) -> str | Mapping[str, Any]:
-    """A dict whose keys are texts, or the text of a path; ParameterError for anything else."""
+    """A dict whose keys are strings, or a path as a str; ParameterError for anything else."""
     if isinstance(value, Mapping):
         return table(value, name)
     if isinstance(value, (str, os.PathLike)):
@@ -145,7 +145,7 @@ def path_or_table(value: Any, name: str) -> str | Mapping[str, Any]:
 
 
 def table(value: Any, name: str) -> Mapping[str, Any]:
-    """A dict whose keys are texts; ParameterError for anything else."""
+    """A dict whose keys are strings; ParameterError for anything else."""
     if not isinstance(value, Mapping):
         raise ParameterError(f"must be a dict from name to value, not {_shown(value)}", parameter=name)
     for key in value:
@@ -154,12 +154,12 @@ def table(value: Any, name: str) -> Mapping[str, Any]:
 
 
 def number_or_name(value: Any, name: str) -> float | str:
-    """A text as it is, else a float; ParameterError for anything else."""
+    """A string unchanged, else a float; ParameterError for anything else."""
     return value if isinstance(value, str) else real_number(value, name)
 
 
 def whole_number_or_name(value: Any, name: str) -> int | str:
-    """A text as it is, else an int; ParameterError for anything else."""
+    """A string unchanged, else an int; ParameterError for anything else."""
     return value if isinstance(value, str) else whole_number(value, name)
 
 
@@ -185,12 +185,12 @@ def real_array(value: Any, name: str) -> NDArray:
 
 
 def array_or_name(value: Any, name: str) -> NDArray | str:
-    """A text as it is, else an array of real numbers; ParameterError for anything else."""
+    """A string unchanged, else an array of real numbers; ParameterError for anything else."""
     return value if isinstance(value, str) else real_array(value, name)
 
 
 def angles_or_name(value: Any, name: str) -> tuple[float, ...] | str:
-    """A text as it is, else two floats; ParameterError for anything else."""
+    """A string unchanged, else two floats; ParameterError for anything else."""
     return value if isinstance(value, str) else few_numbers(value, name, 2, "a name or two angles")
 
 
@@ -223,7 +223,7 @@ def few_numbers(value: Any, name: str, count: int = 3, what: str = "three number
 def list_of_arrays(
     value: Any, name: str, what: str = "lists of vertices such as [[0, 1, 2]]"
 ) -> list[NDArray]:
-    """One array for each list; ParameterError where there is none."""
+    """One array for each list; ParameterError for anything but a sequence of lists."""
     if isinstance(_scalar(value), (str, bytes, Mapping)) or not isinstance(_scalar(value), Iterable):
         raise ParameterError(f"must be {what}, not {_shown(value)}", parameter=name)
     return [real_array(numbers_of_one, name) for numbers_of_one in value]
@@ -278,12 +278,12 @@ def _conversion(parameter: inspect.Parameter) -> Callable[[Any, str], Any] | Non
 
 
 def checked_arguments(function: Callable[P, R]) -> Callable[P, R]:
-    """Decorator: refuse arguments whose types are not those of the annotations, and convert the others.
+    """Decorator: check arguments against the annotations of a function, and convert them.
 
     Parameters
     ----------
     function : callable
-        With annotations as text, of which `CONVERSIONS` holds the checked ones.
+        Its annotations are strings; those that are keys of `CONVERSIONS` are checked.
     """
     parameters = inspect.signature(function).parameters.values()
     checks = {

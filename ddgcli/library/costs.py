@@ -37,7 +37,7 @@ __all__ = ["tradeoff_table"]
 
 
 def _one_of(*names: str) -> Callable[[Any, str], Any]:
-    """Check of a name."""
+    """Check that a value is one of the names."""
 
     def check(value: Any, name: str) -> str:
         if text(value, name) not in names:
@@ -54,7 +54,7 @@ def _within(
     *,
     above: bool = False,
 ) -> Callable[[Any, str], Any]:
-    """Check of a finite number from `low`, or above it, to `high`."""
+    """Check that a number is finite and between `low` (excluded if `above`) and `high`."""
 
     def check(value: Any, name: str) -> Any:
         number = convert(value, name)
@@ -69,7 +69,7 @@ def _within(
 
 
 POSITIVE = _within(0.0, above=True)
-# options of each question, those of the command of the same name that are part of the question: their checks
+# question -> option -> check; the options are those of the command of the same name
 OPTIONS_OF_QUESTION: dict[str, dict[str, Callable[[Any, str], Any]]] = {
     "curvature": {"scheme": _one_of(*CURVATURE_SCHEMES), "radius": POSITIVE},
     "delaunay": {
@@ -135,7 +135,7 @@ def tradeoff_table(
         Shape that the mesh samples, such as "sphere:1" or "torus:1,0.4"; errors are then against analytic
         values, else against the most accurate method that fits into the budget.
     within : float, optional
-        Relative error; the cheapest row within it gets a verdict.
+        Relative error; the cheapest row whose error is at most this gets a verdict.
     norm : {'max', 'mean'}
         Error that `within` and the Pareto front refer to.
     error : {'both', 'time', 'mesh'}, optional
@@ -144,9 +144,9 @@ def tradeoff_table(
     repeat : int
         Timed queries per row.
     budget : float
-        Seconds for everything; what would exceed it is left out.
+        Seconds for all measurements; rows that would exceed it are left out.
     **options
-        Of the question, as those of the command: `eigen=20`, `method="heat"`, `refine=25`, ...
+        Options of the command that the question is about: `eigen=20`, `method="heat"`, `refine=25`, ...
 
     Returns
     -------
@@ -218,7 +218,8 @@ def _checked_options(question: str, options: dict[str, Any], has_sources: bool) 
     unknown = [name for name in options if name not in own_options]
     if unknown:
         raise ParameterError(
-            f"is no option of {question!r}; its options: {', '.join(own_options)}", parameter=unknown[0]
+            f"is not an option of {question!r}; its options are {', '.join(own_options)}",
+            parameter=unknown[0],
         )
     if has_sources and question != "geodesic":
         raise ParameterError(f"belongs to 'geodesic', not to {question!r}", parameter="sources")

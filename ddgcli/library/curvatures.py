@@ -36,7 +36,7 @@ def curvature_measures(
     regions : (m,) or (n,) array_like of int, optional
         Labels of faces or of vertices; regions in ascending order of their labels.
     ball : (centre, radius), optional
-        In the place of `regions`: the part of the surface in a ball.
+        Instead of `regions`: the part of the surface inside a ball.
 
     Returns
     -------
@@ -49,7 +49,7 @@ def curvature_measures(
     MeshError
         For faces of opposite orientation.
     ParameterError
-        Without regions and ball, or for labels that do not fit the mesh.
+        Without `regions` and `ball`, with both, or for labels that do not fit the mesh.
 
     References
     ----------
@@ -64,7 +64,7 @@ def curvature_measures(
     4.0
     """
     if (regions is None) == (ball is None):
-        raise ParameterError("give regions or a ball, one of the two", parameter="regions")
+        raise ParameterError("give either `regions` or `ball`", parameter="regions")
     if ball is not None:
         require_regions(mesh)
         if not isinstance(ball, (tuple, list)) or len(ball) != 2:
@@ -134,7 +134,7 @@ def curvature(
         Radius of the measuring ball, in length units; default the vertex star (two rings for 'quadric').
         'auto' takes the best radius on noisy surfaces, the default on others. 'cotan' has none.
     image : (n, 2) or (n, 3) array_like, optional
-        Surfaces: places of the vertices under a map, of which `results` has `dirichlet_energy`, `map_area`
+        Surfaces: positions of the vertices under a map; `results` has its `dirichlet_energy`, `map_area`
         and their difference `nonconformality`.
     vertex_vectors : bool
         Surfaces: also `H_p` (n, 3), minus the gradient of the area, `volume_gradient` (n, 3), `h_p`, the
@@ -143,7 +143,7 @@ def curvature(
         Curves: also `arc_length`, `frenet_tangent`, `frenet_normal`, `frenet_binormal`, `bishop_1`,
         `bishop_2`, `osculating_radius`, `osculating_centre`.
     resample : int, optional
-        Curves: first take this number of points at even arc lengths on each curve.
+        Curves: first resample each curve to this number of points, evenly spaced in arc length.
     jobs : int
         Number of processes for the fits of 'quadric' and for balls; the result does not depend on it.
 

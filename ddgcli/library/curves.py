@@ -99,9 +99,9 @@ def shortest_paths(
     -------
     Measurement
         `mesh` (CurveSet) and `polylines`, from source to target; `vertex` holds `path_id`, `face`,
-        `barycentric`; `results["paths"]` one entry a path (`length`, `source`, `target`, angles at vertices);
-        `accuracy["path_length_residual"]`, relative. A target that no source reaches has no points and the
-        length None.
+        `barycentric`; `results["paths"]` has one entry per path (`length`, `source`, `target`, angles at
+        vertices); `accuracy["path_length_residual"]`, relative. A target that no source reaches has no points
+        and the length None.
 
     Raises
     ------
@@ -155,7 +155,7 @@ def straighten_paths(
     Returns
     -------
     Measurement
-        As of `shortest_paths`; `accuracy["path_angle_deficit"]` is how far an angle beside a curve falls
+        As for `shortest_paths`; `accuracy["path_angle_deficit"]` is how far an angle beside a curve falls
         below pi at most. A loop that contracts to a point has no points and length 0.
 
     Raises
@@ -197,12 +197,12 @@ def edge_paths(
     transport : bool
         Also carry a tangent frame along each path, and the `holonomy` of loops.
     darboux : bool
-        Also Darboux frames, as of `shortest_paths`.
+        Also Darboux frames, as for `shortest_paths`.
 
     Returns
     -------
     Measurement
-        As of `shortest_paths`; `vertex` also holds `geodesic_curvature` (radians, integrated at points),
+        As for `shortest_paths`; `vertex` also holds `geodesic_curvature` (radians, integrated at points),
         entries `total_geodesic_curvature`.
 
     Raises
@@ -245,7 +245,7 @@ def trace(
     barycentric : (3,) or (k, 3) array_like of float
         Start points in the faces.
     direction : (3,) or (k, 3) array_like of float
-        In space; projected to the plane of the face. Its size does not matter.
+        In space; projected to the plane of the face. Its length does not matter.
     length : float or (k,) array_like of float
         In length units.
     at_boundary : {'stop', 'reflect'}
@@ -258,7 +258,7 @@ def trace(
     Returns
     -------
     Measurement
-        As of `shortest_paths`; entries hold `status` ('reached', 'boundary' or 'gave up') and
+        As for `shortest_paths`; entries hold `status` ('reached', 'boundary' or 'gave up') and
         `end_direction`; `accuracy["trace_angle_defect"]` in radians.
 
     Raises
@@ -306,7 +306,7 @@ def _vectors(values: ArrayLike, name: str) -> NDArray[np.float64]:
 
 
 def _broadcast(face: ArrayLike, length: ArrayLike, *rows: NDArray) -> tuple[NDArray, ...]:
-    """Numbers as (k,) and rows (k, 3) of vectors, each repeated where it is given once."""
+    """Broadcast scalars to (k,) and vectors to (k, 3)."""
     numbers = np.asarray(face), np.asarray(length, dtype=np.float64)
     (k,) = np.broadcast_shapes(*(a.shape for a in numbers), *(a.shape[:1] for a in rows), (1,))
     return *(np.broadcast_to(a, (k,)) for a in numbers), *(np.broadcast_to(a, (k, 3)) for a in rows)

@@ -42,7 +42,7 @@ def hodge_decomposition(
     boundary : {'tangential', 'normal'}
         Harmonic fields are tangential to the boundary, or normal to it.
     place : {'vertex', 'face', 'edge'}, optional
-        Place of the values, for shapes that fit two places.
+        Elements that carry the values; needed where the shape of `field` fits two kinds.
 
     Returns
     -------
@@ -57,7 +57,7 @@ def hodge_decomposition(
     MeshError
         For a mesh that is not manifold or not oriented.
     ParameterError
-        When the shape of the field fits no place, or two.
+        When the shape of the field fits no kind of element, or two.
 
     References
     ----------

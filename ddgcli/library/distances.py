@@ -173,11 +173,11 @@ def geodesic_distance(
     source_points : (k, 3) array_like of float, optional
         Further sources: the points of the surface nearest to these positions.
     source_edges : (k, 2) array_like of int, or marks on edges, vertices or faces, optional
-        Further sources: all points of these edges. Exactly with 'exact', from their ends with other methods.
+        Further sources: all points of these edges ('exact'), or their ends (other methods).
     source_boundary : bool
-        The boundary is a source too, likewise.
+        The edges of the boundary are sources too.
     **options
-        Of the method; see `DistanceSolver`.
+        Options of the method; see `DistanceSolver`.
 
     Returns
     -------
@@ -232,18 +232,18 @@ def measure_distance(
     source_points : (k, 3) array_like of float, optional
         Further sources: the points of the surface nearest to these positions.
     source_edges : (k, 2) array_like of int, or marks on edges, vertices or faces, optional
-        Further sources: all points of these edges. Exactly with 'exact', from their ends with other methods.
+        Further sources: all points of these edges ('exact'), or their ends (other methods).
     source_boundary : bool
-        The boundary is a source too, likewise.
+        The edges of the boundary are sources too.
     target_points : (k, 3) array_like of float, optional
         'exact': `results["targets"]` holds the distances of the points of the surface nearest to these.
     certify : bool
-        `accuracy` also has the asymmetry, and the violated triangle inequalities, of distances between some
-        random vertices (some more runs).
+        `accuracy` also has the asymmetry and the violations of the triangle inequality of distances between
+        some random vertices (which takes further runs).
     seed : int
-        Of these vertices.
+        Seed of the choice of these vertices.
     **options
-        Of the method; see `DistanceSolver`.
+        Options of the method; see `DistanceSolver`.
 
     Returns
     -------
@@ -298,7 +298,9 @@ def _distance_options(method: str, options: dict[str, Any]) -> distances.Distanc
     for name, value in options.items():
         if name not in own:
             names = ", ".join(own) or "none"
-            raise ParameterError(f"is no option of method {method!r}; its options: {names}", parameter=name)
+            raise ParameterError(
+                f"is not an option of method {method!r}; its options are {names}", parameter=name
+            )
         if name == "operator":
             checked[name] = None if value is None else text(value, name)
             continue

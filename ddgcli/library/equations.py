@@ -54,7 +54,7 @@ def eigenpairs(
     -------
     Eigenpairs
         `values` (k,) ascending, in 1/length^2; `vectors` (n, k), M-orthonormal; `residuals` (k,) relative;
-        `complete`, whether a count by inertia found none missing.
+        `complete`, whether a count by inertia confirms that no eigenvalue is missing.
 
     Raises
     ------
@@ -79,7 +79,7 @@ def heat_kernel_signature(
     mass: str = "lumped",
     seed: int = 0,
 ) -> spectrum.HeatKernelSignature:
-    """Heat left at each vertex after each time, of a unit put there.
+    """Heat kernel signature: the heat that remains at each vertex at each time after a unit impulse there.
 
     Parameters
     ----------
@@ -285,8 +285,8 @@ def mean_curvature_flow(
     -------
     SmoothingResult
         `mesh`; `area` before and after every step, in length^2; `time` reached (shorter where the surface
-        vanished before); `residual`, relative; `time_error`, the share of the area at the end that the steps
-        left too much.
+        vanished before); `residual`, relative; `time_error`, the excess of area that the steps
+        leave, relative to the area at the end.
 
     Raises
     ------

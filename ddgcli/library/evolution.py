@@ -41,7 +41,7 @@ def heat_equation(
     time_step : float, optional
         Frames come at multiples of it; heat has no error of steps. Default a hundredth of the duration.
     n_frames : int, optional
-        Number of frames behind the first.
+        Number of frames after the first.
     operator, mass : str
         See `laplace_operator`.
 
@@ -90,7 +90,7 @@ def wave_equation(
     time_step : float, optional
         Default a hundredth of the duration; less for waves that are short for it, down to a 4,000th.
     n_frames : int, optional
-        Number of frames behind the first.
+        Number of frames after the first.
     operator, mass : str
         See `laplace_operator`.
 

@@ -172,7 +172,7 @@ def integral_curves(
     Returns
     -------
     Measurement
-        As of `shortest_paths`; entries hold `time`, `stopped_because` and `error_estimate`;
+        As for `shortest_paths`; entries hold `time`, `stopped_because` and `error_estimate`;
         `accuracy["field_error_estimate"]` in length units.
 
     Raises

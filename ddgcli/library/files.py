@@ -85,7 +85,7 @@ def write_mesh(
     Raises
     ------
     MeshError
-        When an array has not one entry for each vertex, face or edge.
+        When an array does not have one entry per vertex, face or edge.
     OutputError
         On an unknown format, a missing folder, or a mesh that the format cannot hold.
 

@@ -162,7 +162,7 @@ def curve_flow(
     redistribute : bool
         Move points along the curve towards equal distances.
     length_penalty : float, optional
-        'elastic': weight of the length in the energy, in the place of a constant length.
+        'elastic': weight of the length in the energy, instead of a constant length.
 
     Returns
     -------
@@ -207,7 +207,7 @@ def _times(
     frame_every: float | None,
     tolerance: float | None,
 ) -> dict[str, float]:
-    """The times that are given, by name."""
+    """The time options that are not None, by name."""
     if steps is not None and steps < 1:
         raise ParameterError(f"must be 1 or more, not {steps}", parameter="steps")
     times = {"steps": steps, "duration": duration, "step": step, "frame_every": frame_every,

@@ -78,7 +78,7 @@ def flat(mesh: SpaceMesh, vectors: ArrayLike) -> NDArray[np.float64]:
     Raises
     ------
     MeshError
-        For a surface that is no oriented manifold.
+        For a surface that is not an oriented manifold.
     ParameterError
         For an array of another shape, or a number that is not finite.
 
@@ -122,7 +122,7 @@ def sharp(mesh: SpaceMesh, form: ArrayLike) -> NDArray[np.float64]:
     Raises
     ------
     MeshError
-        For a surface that is no oriented manifold.
+        For a surface that is not an oriented manifold.
     ParameterError
         For an array of another length.
 
@@ -168,9 +168,9 @@ def wedge(mesh: SpaceMesh, a: ArrayLike, b: ArrayLike) -> NDArray[np.float64]:
     Raises
     ------
     MeshError
-        For a surface that is no oriented manifold.
+        For a surface that is not an oriented manifold.
     ParameterError
-        For arrays that are no forms, or p + q above the dimension.
+        For arrays that are not forms, or p + q above the dimension.
 
     References
     ----------
@@ -210,9 +210,9 @@ def interior_product(mesh: SpaceMesh, vectors: ArrayLike, form: ArrayLike) -> ND
     Raises
     ------
     MeshError
-        For a surface that is no oriented manifold.
+        For a surface that is not an oriented manifold.
     ParameterError
-        For arrays that are no form or no field, or a 0-form.
+        For arrays that are not a form or a field, or a 0-form.
 
     References
     ----------
@@ -251,9 +251,9 @@ def lie_derivative(mesh: SpaceMesh, vectors: ArrayLike, form: ArrayLike) -> NDAr
     Raises
     ------
     MeshError
-        For a surface that is no oriented manifold.
+        For a surface that is not an oriented manifold.
     ParameterError
-        For arrays that are no form or no field.
+        For arrays that are not a form or a field.
 
     References
     ----------

@@ -1,4 +1,4 @@
-"""Conversion of the `mesh` argument of library functions."""
+"""Conversion of the `mesh` argument of library functions to a mesh object."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ KIND_PHRASE = {
     "tetrahedra": "tetrahedra",
     "curve": "curves",
 }
-MIN_QUADRILATERALS = 3  # two tetrahedra may well touch along an edge alone
+MIN_QUADRILATERALS = 3  # two tetrahedra may legitimately share only an edge
 
 
 class MeshHolder(Protocol):
@@ -96,7 +96,7 @@ def as_mesh(mesh: MeshLike) -> AnyMesh:
 
 
 def _refuse_raw_arrays(mesh: AnyMesh) -> None:
-    """Raise MeshError for a mesh whose constructor took faces for their topology, or lists for arrays."""
+    """Raise MeshError for a mesh whose constructor was called with raw faces or lists."""
     name = type(mesh).__name__
     if isinstance(mesh, (TriangleMesh, IntrinsicMesh)):
         is_raw = not isinstance(mesh.topology, Topology)
@@ -123,9 +123,9 @@ def _mesh_of_pair(points: ArrayLike, cells: ArrayLike) -> AnyMesh:
 
 
 def _refuse_quadrilaterals(cells: NDArray) -> None:
-    """Raise an error where many cells share vertices, but none a face of three vertices with another.
+    """Raise an error for cells that look like quadrilaterals: no two share three vertices.
 
-    Neighbouring quadrilaterals have two vertices in common, as tetrahedra they would be nonsense.
+    Neighbouring quadrilaterals share two vertices, neighbouring tetrahedra share three.
     """
     corner = np.sort(cells, axis=1)
     if len(cells) < MIN_QUADRILATERALS or len(np.unique(corner)) == corner.size:

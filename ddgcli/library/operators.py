@@ -110,7 +110,7 @@ def d0(mesh: SimplicialMesh) -> csr_array:
     >>> int((ddg.d1(mesh) @ ddg.d0(mesh)).count_nonzero())
     0
     """
-    return complex_of(mesh).derivatives[0].copy()  # the complex is kept
+    return complex_of(mesh).derivatives[0].copy()  # the complex is cached
 
 
 @accepts_arrays("surface", "intrinsic", "tetrahedra")
@@ -133,7 +133,7 @@ def d1(mesh: SimplicialMesh) -> csr_array:
     >>> ddg.d1(mesh).shape == (mesh.n_faces, mesh.topology.n_edges)
     True
     """
-    return complex_of(mesh).derivatives[1].copy()  # the complex is kept
+    return complex_of(mesh).derivatives[1].copy()  # the complex is cached
 
 
 @accepts_arrays("tetrahedra")
@@ -156,7 +156,7 @@ def d2(mesh: SimplicialMesh) -> csr_array:
     >>> int((ddg.d2((V, T)) @ ddg.d1((V, T))).count_nonzero())
     0
     """
-    return complex_of(mesh).derivatives[2].copy()  # the complex is kept
+    return complex_of(mesh).derivatives[2].copy()  # the complex is cached
 
 
 @accepts_arrays("surface", "intrinsic", "tetrahedra")
@@ -180,7 +180,7 @@ def hodge_star(mesh: SimplicialMesh, degree: int, kind: Star = "galerkin") -> cs
     Raises
     ------
     ParameterError
-        On a degree that the mesh has not, or an unknown kind.
+        On a degree that the mesh does not have, or an unknown kind.
 
     References
     ----------
@@ -217,7 +217,7 @@ def dec_operators(mesh: TriangleMesh | TetMesh, star: Star = "galerkin") -> dict
     Raises
     ------
     MeshError
-        For a surface that is no oriented manifold, cells without size, or a star without an inverse.
+        For a surface that is not an oriented manifold, cells without size, or a star without an inverse.
 
     References
     ----------

@@ -68,7 +68,7 @@ def write_picture(
     OutputError
         For another extension, or a path that cannot be written.
     ParameterError
-        For an array that the mesh has not, or of another length; for `curves` or `edges` on curves.
+        For an array that the mesh does not have, or of another length; for `curves` or `edges` on curves.
 
     Examples
     --------
@@ -78,9 +78,9 @@ def write_picture(
     if os.path.splitext(path)[1].lower() not in FORMATS:
         raise OutputError(f"{os.fspath(path)}: pictures are {', '.join(FORMATS)}")
     if isinstance(view, str) and view not in VIEWS:
-        raise ParameterError(f"{view!r} is none of {', '.join(VIEWS)}", parameter="view")
+        raise ParameterError(f"{view!r} is not one of {', '.join(VIEWS)}", parameter="view")
     if up not in (None, "x", "y", "z"):
-        raise ParameterError(f"{up!r} is none of x, y, z", parameter="up")
+        raise ParameterError(f"{up!r} is not one of x, y, z", parameter="up")
     shape = as_mesh(mesh)
     shape = shape.boundary if isinstance(shape, TetMesh) else shape
     array = _array_of(mesh, values)
@@ -93,7 +93,7 @@ def write_picture(
             _draw_curve_set(target, shape, array, label, look)
             return
         if not isinstance(shape, TriangleMesh):
-            raise ParameterError("an intrinsic triangulation has no positions; draw the mesh that it is of")
+            raise ParameterError("an intrinsic triangulation has no positions; draw its input mesh")
         _check_length(array, (shape.n_vertices, shape.n_faces))
         draw_array(target, shape, label, array, curves=curves, edges=edges, **look)
 
@@ -113,7 +113,7 @@ def _draw_curve_set(
 
 
 def _array_of(mesh: Any, values: str | ArrayLike | None) -> NDArray | None:
-    """Array of a name among those of the object, or the array itself."""
+    """The array itself, or the array of that name of the object."""
     if values is None:
         return None
     if isinstance(values, str):

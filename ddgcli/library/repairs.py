@@ -78,18 +78,18 @@ def repair_mesh(
     drop_degenerate, drop_duplicates : bool
         Remove faces (cells) without area (volume); faces that occur twice.
     split_edges : float, optional
-        Divide boundary edges, and their faces, at boundary vertices at most so far from them (T-junctions;
-        length units; 0: what rounding of coordinates explains).
+        Divide boundary edges, and their faces, at boundary vertices within this distance of them
+        (T-junctions; length units; 0: as far as rounding of coordinates explains).
     largest : bool
         Keep the component with the largest area.
     split_fans : bool
-        A vertex for each fan of faces; splits edges of three or more faces.
+        Give each fan of faces its own vertex; splits edges of three or more faces.
     orient : bool
         Reverse faces so that neighbours have the same orientation; exchange corners of inverted cells.
     split_folds : bool
         Separate the faces at edges folded by 180 degrees.
     fill_holes : int, optional
-        Fill boundary loops of at most so many edges.
+        Fill boundary loops of at most this many edges.
     cut_to_disk : bool
         Cut every component open to a disk.
     drop_unused : bool
@@ -132,7 +132,7 @@ def repair_mesh(
         raise ParameterError(f"must be 3 or more, not {fill_holes}", parameter="fill_holes")
     commands = [for_command] if isinstance(for_command, str) else list(for_command or [])
     if commands and steps != pipeline.RepairSteps():
-        raise ParameterError("selects the steps; leave the others out", parameter="for_command")
+        raise ParameterError("selects the steps itself; leave the other steps out", parameter="for_command")
     if isinstance(mesh, TetMesh):
         steps = _steps_for(solid.solid_steps_for, commands) if commands else steps
         cells = solid.repair_solid(mesh, steps)

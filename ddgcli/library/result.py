@@ -1,4 +1,4 @@
-"""The result of a measurement: a mesh with arrays, numbers, and what is known of their error."""
+"""The result of a measurement: a mesh with arrays, numbers, and estimates of their error."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ddgcli.representation import short_repr
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
-    """Arrays on a mesh, integral results, and the accuracy of both, by the names of the command line.
+    """Arrays on a mesh, global results, and the accuracy of both, by the names of the command line.
 
     Parameters
     ----------

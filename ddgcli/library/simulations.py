@@ -38,7 +38,7 @@ __all__ = ["Simulation", "simulate"]
 
 @dataclass(frozen=True, eq=False)
 class End:
-    """What is computed behind the last frame.
+    """What is computed after the last frame.
 
     Parameters
     ----------
@@ -69,11 +69,11 @@ class Simulation:
     scene : dict
         The scene with every default filled in, or the options of a flow.
     n_frames : int
-        Frames of a run that comes to its end, the first at the start.
+        Frames of a complete run, including the one at the start.
     snapshots : iterator of Snapshot
-        Of the time loop.
+        Snapshots of the time loop.
     end_of : callable Outcome -> End
-        Judges the run behind its last frame.
+        Computes the results of the run after its last frame.
     changing_vertices : bool
         Whether frames have different numbers of vertices.
 
@@ -117,7 +117,7 @@ class Simulation:
         return trajectory_frame
 
     def finish(self) -> Measurement:
-        """Run to the end, from where the frames were taken last.
+        """Run to the end, from the last frame that was taken.
 
         Returns
         -------
@@ -129,7 +129,7 @@ class Simulation:
         Raises
         ------
         SolveError
-            A step failed for good.
+            A step failed, also with shorter steps.
 
         Examples
         --------
@@ -180,7 +180,7 @@ def simulate(
     scene : path of a `.toml` scene, or mapping
         A mapping has the keys of a scene file; meshes in it are relative to the current folder.
     steps : int, optional
-        Steps to take, in the place of a duration.
+        Number of steps, instead of a duration.
     duration, step, frame_every : float, optional
         Length of the run, time step, and time between frames, in seconds; they replace those of the scene.
     integrator : str, optional
@@ -203,7 +203,7 @@ def simulate(
     SceneError
         A mistake in the scene, with its line.
     SolveError
-        While frames are taken: a step failed for good. The frames before it are valid.
+        During iteration: a step failed, also with shorter steps. The frames before it are valid.
 
     Examples
     --------

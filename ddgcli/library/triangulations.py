@@ -26,12 +26,12 @@ __all__ = ["circumcentric_dual", "conformal_map", "delaunay_refinement", "intrin
 
 @accepts_arrays("surface", "intrinsic")
 def circumcentric_dual(mesh: SurfaceMesh) -> CircumcentricDual:
-    """Circumcentric dual of a triangulation; of an intrinsic Delaunay one its dual edges are not negative.
+    """Circumcentric dual of a triangulation; dual lengths of an intrinsic Delaunay one are non-negative.
 
     Parameters
     ----------
     mesh : TriangleMesh, IntrinsicMesh or (points, faces) pair
-        Every face with area.
+        Every face has an area.
 
     Returns
     -------
@@ -68,7 +68,7 @@ def conformal_map(
         Angle sums; 360 at other interior vertices. On the boundary with `boundary='angles'` only.
     boundary : {'free', 'lengths', 'angles'}
         'free' keeps the lengths of boundary edges; 'lengths' takes logarithmic scale factors; 'angles' takes
-        angle sums in degrees, straight or nearly a circle where there are none.
+        angle sums in degrees; without values the boundary is straight, or nearly a circle.
     boundary_values : (n,) array_like, optional
         Read at boundary vertices.
     operator : {'intrinsic-delaunay', 'cotan'}, optional
@@ -77,9 +77,9 @@ def conformal_map(
     Returns
     -------
     ConformalMap
-        `uv` (n, 2), None where seams give vertices several; `scale` (n,), log scale factors; `flat`, the
-        flat IntrinsicMesh; `layout`; `overlay()`, the common subdivision with `uv` and distortion;
-        `accuracy`; `converged`.
+        `uv` (n, 2), None where vertices on seams have several positions; `scale` (n,), log scale factors;
+        `flat`, the flat IntrinsicMesh; `layout`; `overlay()`, the common subdivision with `uv` and
+        distortion; `accuracy`; `converged`.
 
     Raises
     ------
@@ -162,7 +162,7 @@ def delaunay_refinement(
     degrees : float or None
         Smallest angle, above 0 and at most 33 degrees; None for edge flips alone.
     max_points : int, optional
-        Most Steiner points; default ten for each vertex, at least 100,000.
+        Maximum number of Steiner points; default ten per vertex, at least 100,000.
     overlay : bool
         Also compute the common subdivision of both triangulations; see `overlay()` of the result.
     transfer : mapping of str to (n,) or (n, k) array_like, optional
@@ -171,7 +171,7 @@ def delaunay_refinement(
     condition : bool
         Also measure the condition number of the Laplacian before and after.
     seed : int
-        Seed of the choice among faces, where more need a point than a batch may try.
+        Seed of the choice among faces, where more faces need a point than one batch can handle.
 
     Returns
     -------

@@ -157,9 +157,9 @@ def geodesic_fan(
     rays : int
         Number of rays in even directions, 3 or more.
     length : float
-        Of each ray, in length units; rays end at the boundary.
+        Length of each ray, in length units; rays end at the boundary.
     circles : int
-        Geodesic circles at even lengths.
+        Number of geodesic circles, at equally spaced radii.
     source_point : (3,) array_like of float, optional
         Start at the point of the surface nearest to this one.
 
@@ -168,7 +168,7 @@ def geodesic_fan(
     Measurement
         `mesh` (CurveSet) and `polylines`: rays, circles (polygons through the points of equal length),
         caustics (through the first points at which neighbouring rays cross). `vertex` holds `level`
-        (length from the source) and `caustic` (1 behind the caustic); `results["paths"]` one entry per curve.
+        (length from the source) and `caustic` (1 beyond the caustic); `results["paths"]` one entry per curve.
 
     Raises
     ------
@@ -195,7 +195,7 @@ def geodesic_fan(
 
 @accepts_arrays("surface", "intrinsic")
 def vertex_types(mesh: SurfaceMesh) -> NDArray[np.int64]:
-    """Type of each vertex by its total angle: shortest paths pass none below 2 pi.
+    """Type of each vertex by its total angle; no shortest path passes through a vertex below 2 pi.
 
     Parameters
     ----------

@@ -85,4 +85,4 @@ def real_objects(array: NDArray, what: str) -> NDArray:
         if all(isinstance(number, kind) for number in array.flat):
             with contextlib.suppress(OverflowError):
                 return array.astype(dtype)
-    raise MeshError(f"{what} holds objects that are no real numbers")
+    raise MeshError(f"{what} holds objects that are not real numbers")

@@ -205,7 +205,7 @@ def check_size(longest: float, *, in_range: bool = True, dimension: int = 2) -> 
 
 
 def require_sized_solid(mesh: TetMesh) -> None:
-    """Raise an error for tetrahedra without volume, or volumes that leave the range of numbers.
+    """Raise an error for tetrahedra without volume, or volumes that leave the floating-point range.
 
     Parameters
     ----------

@@ -155,7 +155,7 @@ def wrapped_grid(
     i, j = np.meshgrid(np.arange(nu), np.arange(nv), indexing="ij")
     is_left = {"right": np.zeros_like(i), "left": np.ones_like(i), "alternating": (i + j) % 2}
     if pattern not in is_left:
-        raise ParameterError(f"{pattern!r} is none of {', '.join(is_left)}", parameter="pattern")
+        raise ParameterError(f"{pattern!r} is not one of {', '.join(is_left)}", parameter="pattern")
 
     def number(a: np.ndarray, b: np.ndarray) -> np.ndarray:
         return ((a % mu) * mv + (b % mv)).ravel()

@@ -56,7 +56,7 @@ def check_points(points: NDArray) -> NDArray[np.float64]:
     count = counted(len(bad), "such vertex", "such vertices")
     raise MeshError(
         f"vertex {bad[0]} has a coordinate above {MAX_COORDINATE:g} ({count}), and "
-        "lengths leave the range of numbers; rescale the coordinates"
+        "lengths leave the floating-point range; rescale the coordinates"
     )
 
 

@@ -99,7 +99,7 @@ def dec_matrices(complex_: Complex, star: Star = "galerkin") -> DecMatrices:
     matrices |= {f"laplacian{k}": _laplacian(k, derivative, stars, inverse) for k in range(n + 1)}
     for name, matrix in matrices.items():
         if not np.isfinite(matrix.data).all():
-            raise MeshError(f"entries of {name} leave the range of numbers; rescale the coordinates")
+            raise MeshError(f"entries of {name} leave the floating-point range; rescale the coordinates")
     negative = sum(int((matrix.diagonal() < 0).sum()) for matrix in stars)
     return DecMatrices(complex_, star, matrices, negative)
 

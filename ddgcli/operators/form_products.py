@@ -72,7 +72,7 @@ def form_products(mesh: SpaceMesh, pairs: Mapping[str, tuple[NDArray, NDArray] |
     Raises
     ------
     ParameterError
-        For arrays that are no forms or fields of the mesh, or products that are zero by their degrees.
+        For arrays that are not forms or fields of the mesh, or products that are zero by their degrees.
     """
     complex_ = complex_of(mesh)
     d, n = [*complex_.derivatives, None], complex_.dimension
@@ -153,7 +153,7 @@ def operands(
     Raises
     ------
     ParameterError
-        For arrays that are no forms or fields, or products that are zero by their degrees.
+        For arrays that are not forms or fields, or products that are zero by their degrees.
     """
     with renamed_parameters("form"):
         second = form_values(complex_, form)

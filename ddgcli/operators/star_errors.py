@@ -35,7 +35,7 @@ def star_errors(complex_: Complex, points: NDArray, star: Star) -> dict[int, flo
     dict of int to float
         Degrees 1 to the dimension - 1: on functions and forms of the highest degree every star is exact.
     """
-    size = float(np.ptp(points, axis=0).max(initial=0.0)) or 1.0  # squares stay in the range of numbers
+    size = float(np.ptp(points, axis=0).max(initial=0.0)) or 1.0  # squares stay in the floating-point range
     edge = (points[complex_.edges[:, 1]] - points[complex_.edges[:, 0]]) / size
     corner = points[complex_.faces] / size
     forms = {1: edge}

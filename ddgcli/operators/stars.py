@@ -218,7 +218,7 @@ def _whitney_mass1(c: Complex) -> NDArray:
 
 def _whitney_mass2(c: Complex) -> NDArray:
     """Flux form of the face opposite corner a is (x - x_a) / (3 volume)."""
-    # means, as an integral by the square of the volume has powers of lengths that leave the range of numbers
+    # a mean, because an integral over the squared volume has powers of lengths that over- or underflow
     w = _coordinate_products(c) / c.metric.measure[:, None, None]
     mass = np.zeros_like(w)
     for a in range(4):

@@ -74,7 +74,7 @@ def usable_stiffness(value: float, name: str, unit: str, keys: str) -> float:
     """
     if not sys.float_info.min <= value <= sys.float_info.max:
         raise ValueError(
-            f"its {name} is {value:.3g} {unit}, outside of the range of numbers (2.3e-308 to 1.7e308); "
+            f"its {name} is {value:.3g} {unit}, outside the floating-point range (2.3e-308 to 1.7e308); "
             f"change {keys}, or use other units"
         )
     return value

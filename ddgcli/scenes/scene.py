@@ -25,7 +25,7 @@ from ddgcli.simulation.model import MAX_STEP_COUNT, Schedule, warn_of_other_fram
 FORMAT = "ddgcli-scene/1"
 # effects that have models -> the key that names one
 MODEL_KEYS = {"bending": "model", "stretching": "model", "viscosity": "kind"}
-TIME_RANGE = (1e-150, 1e150)  # seconds, whose squares stay within the range of numbers
+TIME_RANGE = (1e-150, 1e150)  # seconds, whose squares stay within the floating-point range
 log = logging.getLogger("ddgcli")
 
 
@@ -266,7 +266,7 @@ def _check_clock(scene: Scene, overridden: set[str]) -> None:
     for what in ("step", "frame_every", "duration"):
         span = getattr(time, what)
         if span is not None and not TIME_RANGE[0] < span < TIME_RANGE[1]:
-            refuse(what, f"{span:g} s", "squared leaves the range of numbers; write 1e-149 to 1e149")
+            refuse(what, f"{span:g} s", "squared leaves the floating-point range; write 1e-149 to 1e149")
     schedule = scene.schedule()
     if time.integrator == "static":
         return

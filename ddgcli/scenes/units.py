@@ -105,7 +105,7 @@ def parse_quantity(value: Any, unit: str) -> float:
             try:
                 factor, dimension = parse_unit(match[2])
             except OverflowError as error:
-                raise ValueError(f"the unit of {value!r} is beyond the range of numbers") from error
+                raise ValueError(f"the unit of {value!r} is beyond the floating-point range") from error
             if dimension != parse_unit(unit)[1]:
                 expected = f"a multiple of {unit}" if unit else "none"
                 raise ValueError(f"the unit of {value!r} does not fit: {expected} is needed")

@@ -335,7 +335,7 @@ def test_energies_beyond_the_range_of_numbers_end_with_exit_1(tmp_path, run):
     )
     result = run("shell-sim", path)
     assert result.exit_code == 1
-    assert "the energy is beyond the range of numbers; use smaller velocities" in result.stderr
+    assert "the energy overflows; use smaller velocities" in result.stderr
 
 
 @pytest.mark.parametrize("effects, warned", [("", True), ("stretching = {}\n", False)])

@@ -254,7 +254,7 @@ def test_balls_by_cubes_hold_the_points_within_the_radius(block, monkeypatch):
 def test_a_radius_whose_cube_is_no_number_is_refused(scheme):
     """Once the curvature was 0 everywhere, or not a number."""
     ball = shapes.icosphere(1)
-    with pytest.raises(ParameterError, match="leave the range of numbers; use 6.18e-101 or more"):
+    with pytest.raises(ParameterError, match="leave the floating-point range; use 6.18e-101 or more"):
         measure_curvature(ball, scheme, radius=1e-300)
     H = measure_curvature(ball, scheme, radius=1e-90).vertex["mean_curvature"]
     assert np.isfinite(H).all() and (H > 0).all()

@@ -30,7 +30,7 @@ def test_quantities_are_converted_exactly(text, unit, value):
     ("1 s", "m", "does not fit"), ("1 mmm", "m", "unknown unit"), ("one", "m", "number"),
     (True, "m", "true/false"), ([1], "m", "array"), ("1 m", "", "none"), (float("inf"), "m", "finite"),
     ("1e999 m", "m", "finite"), ("", "m", "number"),
-    ("1 m^x", "m", "unit"), ("1 km^400", "m", "range of numbers"), (10**400, "m", "finite"),
+    ("1 m^x", "m", "unit"), ("1 km^400", "m", "floating-point range"), (10**400, "m", "finite"),
     ("1 m^" + "9" * 5000, "m", "unit"),
 ])  # fmt: skip
 def test_wrong_quantities_are_refused(text, unit, message):

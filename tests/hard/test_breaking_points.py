@@ -73,7 +73,7 @@ def test_the_area_of_the_laplacian_is_that_of_the_positions(summary, tmp_path, a
 
 
 def test_operators_that_overflow_are_refused():
-    with pytest.raises(MeshError, match="laplacian2 leave the range of numbers; rescale"):
+    with pytest.raises(MeshError, match="laplacian2 leave the floating-point range; rescale"):
         dec_matrices(complex_of(mesh_of(meshes.scaled_sphere(-100))), "galerkin")
 
 
@@ -95,7 +95,7 @@ def test_a_shell_whose_masses_underflow_is_refused(run, tmp_path):
     )
     result = run("shell-sim", scene)
     assert result.exit_code == 2
-    assert "leave the range of numbers; change `thickness`" in result.stderr
+    assert "leave the floating-point range; change `thickness`" in result.stderr
 
 
 @pytest.mark.parametrize(("distance", "code"), [("1e300", 2), ("9e99", 0)])

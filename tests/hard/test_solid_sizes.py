@@ -1,4 +1,4 @@
-"""Solids of any size whose volume is in the range of numbers have the same results; others are refused."""
+"""Solids of any size have the same results unless their volumes over- or underflow; those are refused."""
 
 import numpy as np
 import pytest

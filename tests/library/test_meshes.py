@@ -89,7 +89,7 @@ def test_a_mesh_is_not_moved_to_what_is_no_point_for_each_vertex(kind):
         (not_finite, "vertex 2 is not finite"),
         (np.full(mesh.points.shape, np.inf), "vertex 0 is not finite"),
         (ragged, "rows of different lengths"),
-        (np.array([["a", 1, 2]], dtype=object), "no real numbers"),
+        (np.array([["a", 1, 2]], dtype=object), "not real numbers"),
         ("abc", "real numbers"),
     ):
         with pytest.raises(ddg.errors.MeshError, match=words):

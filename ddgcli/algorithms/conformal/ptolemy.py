@@ -101,7 +101,7 @@ def flip_by_ptolemy(state: DecoratedTriangulation, u: NDArray) -> None:
         rim = _flip(state, length, u, active[independent])
         active = unique_keys(np.concatenate([active[~independent], rim]))
     raise SolveError(
-        "the Ptolemy flips do not end: the scale factors leave the range of numbers; use other angles or "
+        "the Ptolemy flips do not end: the scale factors leave the floating-point range; use other angles or "
         "boundary values"
     )
 

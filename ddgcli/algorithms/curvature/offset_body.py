@@ -21,7 +21,7 @@ from ddgcli.representation import short_repr
 
 MAX_FOLD = np.pi - 1e-6  # radians; beyond it the two normals of an edge leave the arc between them open
 MAX_OFFSET_FACES = 20_000_000
-MAX_DISTANCE = 1e100  # the cube of larger ones leaves the range of numbers
+MAX_DISTANCE = 1e100  # the cube of larger ones leaves the floating-point range
 
 WELD_DISTANCE = 1e-10  # of the size: points that near are one
 
@@ -89,7 +89,7 @@ def check_offset(mesh: TriangleMesh, distance: float, angle: float) -> OffsetArc
         raise ParameterError(f"must be a positive length, not {distance}", parameter="distance")
     if not distance < MAX_DISTANCE:
         raise ParameterError(
-            f"{distance:g} has a volume beyond the range of numbers; give less than {MAX_DISTANCE:g}",
+            f"{distance:g} has a volume beyond the floating-point range; give less than {MAX_DISTANCE:g}",
             parameter="distance",
         )
     if not 0 < angle <= 90:

@@ -99,7 +99,7 @@ def fitted_normals(mesh: TriangleMesh) -> NDArray[np.float64]:
     (n, 3) ndarray of float64
     """
     scale = float(mesh.side_length.max(initial=0.0)) or 1.0
-    # squares stay in the range of numbers
+    # squares stay in the floating-point range
     unit = mesh.moved_unchecked((mesh.points - mesh.points[:1]) / scale)
     faces = Faces.of(unit)
     normal = unit_normals(faces)

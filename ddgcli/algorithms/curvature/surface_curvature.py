@@ -53,7 +53,7 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.workers import start_early
 
 DEFAULT_SCHEME = "quadric"
-LEAST_RADIUS = 1e-100  # of balls, in longest edges: cubes of smaller ones leave the range of numbers
+LEAST_RADIUS = 1e-100  # of balls, in longest edges: cubes of smaller ones leave the floating-point range
 CURVATURE_ARRAYS = ("gaussian_curvature", "mean_curvature")
 VERTEX_ARRAYS = (
     "angle_defect", "vertex_area", "boundary", "gaussian_curvature", "geodesic_curvature", "mean_curvature",
@@ -343,7 +343,7 @@ def _check_radius(mesh: TriangleMesh, radius: float, scheme: str) -> None:
     unit = float(mesh.side_length.max())  # no square over- or underflows
     if radius < LEAST_RADIUS * unit:
         raise ParameterError(
-            f"balls of radius {radius:g} beside edges of {unit:.3g} leave the range of numbers; use "
+            f"balls of radius {radius:g} beside edges of {unit:.3g} leave the floating-point range; use "
             f"{LEAST_RADIUS * unit:.3g} or more",
             parameter="radius",
         )

@@ -85,7 +85,7 @@ def circumcentric_dual(mesh: SurfaceMesh) -> CircumcentricDual:
     Raises
     ------
     MeshError
-        For a mesh without faces, or lengths whose squares leave the range of numbers.
+        For a mesh without faces, or lengths whose squares leave the floating-point range.
 
     Notes
     -----

@@ -274,7 +274,7 @@ def _decomposed(mesh: SpaceMesh, array: NDArray, place: str, boundary: Boundary)
 def _decomposed_in_range(
     mesh: SpaceMesh, array: NDArray, place: str, boundary: Boundary
 ) -> HodgeDecomposition:
-    """Decomposition of a field, computed at a size of about 1, whose squares are in the range of numbers."""
+    """Decomposition of a field, scaled to a size of about 1 so that squares do not over- or underflow."""
     exponent = int(np.frexp(np.abs(array).max(initial=0.0))[1])
     split = _decomposed_at_unit_size(mesh, np.ldexp(array, -exponent), place, boundary)
 

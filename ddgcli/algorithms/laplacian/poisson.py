@@ -141,7 +141,7 @@ def _with_fixed(operator: LaplaceOperator, fixed: Mapping[int, float], rhs: NDAr
 
 
 def _refuse_overflow(operator: LaplaceOperator, values: NDArray) -> None:
-    """Raise an error for fixed values whose products with the weights leave the range of numbers."""
+    """Raise an error for fixed values whose products with the weights leave the floating-point range."""
     largest = float(np.abs(values).max())
     limit = np.finfo(np.float64).max / (8.0 * max(1.0, float(abs(operator.stiffness).sum(axis=1).max())))
     if largest > limit:

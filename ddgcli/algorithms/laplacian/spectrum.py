@@ -140,7 +140,7 @@ def heat_kernel_signature(
     Raises
     ------
     SolveError
-        When the values leave the range of numbers.
+        When the values leave the floating-point range.
 
     References
     ----------
@@ -153,8 +153,9 @@ def heat_kernel_signature(
         values += _squared_constants(operator)[:, None]
     if not np.isfinite(values).all():
         raise SolveError(
-            f"the heat kernel leaves the range of numbers at {int((~np.isfinite(values)).any(axis=1).sum())} "
-            "vertices, whose areas are too small; rescale or repair the mesh"
+            "the heat kernel leaves the floating-point range at "
+            f"{int((~np.isfinite(values)).any(axis=1).sum())} vertices, "
+            "whose areas are too small; rescale or repair the mesh"
         )
     truncation = _truncation(operator, pairs, values, times)
     scale = _squared_spacing(operator)

@@ -123,7 +123,7 @@ def _obstacle_meshes(scene: Scene, read: Callable[[str], Any]) -> dict[str, Plac
 
 
 def _require_sound(scene: Scene, number: int, context: ShellContext) -> None:
-    """Refuse what has no motion: no faces, faces without area, masses beyond the range of numbers."""
+    """Refuse what has no motion: no faces, faces without area, masses beyond the floating-point range."""
     reason = unmet_need(context.mesh, "shell-sim")
     if reason is None and not (np.isfinite(context.mass).all() and (context.mass > 0).all()):
         reason = "a vertex has no finite mass; rescale the mesh"
@@ -133,7 +133,7 @@ def _require_sound(scene: Scene, number: int, context: ShellContext) -> None:
     least = context.mass.min(initial=np.inf)
     if reason is None and not least > LEAST_MASS:
         reason = (
-            f"a vertex weighs {least:.3g} kg, whose energies leave the range of numbers; "
+            f"a vertex weighs {least:.3g} kg, whose energies leave the floating-point range; "
             "change `thickness` or `density`"
         )
     if reason is not None:

@@ -94,7 +94,7 @@ def strain(context: ShellContext, x: NDArray) -> NDArray[np.float64]:
 
 @np.errstate(over="ignore", invalid="ignore")
 def measures(system: System, motion: Motion) -> dict[str, Any]:
-    """Energies by effect, momenta, iterations; infinite above the range of numbers."""
+    """Energies by effect, momenta, iterations; infinite above the floating-point range."""
     momentum = system.mass[:, None] * motion.v
     energies = {f"energy_{name}": value for name, value in system.energies(motion.x).items()}
     kinetic = 0.5 * float(np.sum(momentum * motion.v))

@@ -213,7 +213,7 @@ def failure_reason(outcome: Outcome, least: RunRounding, *, static: bool) -> str
     """
     total, kinetic = outcome.series["energy"], outcome.series["energy_kinetic"]
     if not np.isfinite(total).all():
-        message = "the energy is beyond the range of numbers; use smaller velocities, forces or accelerations"
+        message = "the energy overflows; use smaller velocities, forces or accelerations"
         log.error(message)
         return message
     if message := _inverted(outcome.series):
