@@ -1,4 +1,4 @@
-"""Memory that arrays free is kept for the next arrays.
+"""Keep the memory of freed arrays for later arrays.
 
 The allocator of glibc returns freed blocks above 128 KiB to the system, and the system clears the memory of
 each new array again: a tenth to a third of the time of a command on 400,000 faces or more. Here every array
@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import os
 
-MMAP_MAX, TRIM_THRESHOLD = -4, -1  # numbers of glibc's malloc.h
+MMAP_MAX, TRIM_THRESHOLD = -4, -1  # constants of glibc's malloc.h
 VARIABLES = ("MALLOC_MMAP_MAX_", "MALLOC_MMAP_THRESHOLD_", "MALLOC_TRIM_THRESHOLD_", "GLIBC_TUNABLES")
 
 

@@ -51,7 +51,7 @@ class ImportClock:
 
 
 class RunClock:
-    """Seconds of a run by part; imports count as start, not as a part of the run.
+    """Seconds of each section of a run; imports count as start, not as part of the run.
 
     Parameters
     ----------

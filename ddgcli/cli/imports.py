@@ -2,7 +2,7 @@
 
 scipy evaluates `from numpy import *`, which imports numpy's test tools, its generator of Fortran wrappers and
 masked arrays: a third of the start-up time of a command on a small mesh. `scipy.spatial` imports linear
-algebra and special functions, which its k-d tree has no use for.
+algebra and special functions, which its k-d tree does not need.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ DEFERRED_MODULES = (
     "numpy.testing",
     "numpy.typing",
 )
-# numpy's texts of `help` for compiled functions, a tenth of its import; a command shows none of them
+# numpy's docstrings of compiled functions, a tenth of its import time; no command shows them
 UNUSED_MODULES = ("numpy._core._add_newdocs", "numpy._core._add_newdocs_scalars")
 
 

@@ -34,5 +34,5 @@ def input_facts(mesh: AnyMesh) -> dict[str, Any]:
 
 
 def reason_of_no_genus(facts: Mapping[str, Any]) -> str:
-    """Why a surface with these facts has no genus."""
+    """Why a surface with this `input` block has no genus."""
     return "cannot be oriented" if facts["manifold"] else "is not manifold"

@@ -1,4 +1,4 @@
-"""Warnings of inputs whose faces, flat between their points, are not the surface that they stand for."""
+"""Warnings of inputs whose flat faces are not the surface that they represent."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def warn_of_flat_faces(face: Mapping[str, NDArray]) -> None:
     if {"face_edge_lengths", "neighbors"} <= set(face):
         log.warning(
             "the input is an intrinsic triangulation, but its faces are treated as flat in space, which "
-            "gives another surface; use the mesh that it was made from"
+            "gives another surface; use the mesh that it was computed from"
         )
     closing = int(np.count_nonzero(face.get("wraps", 0)))
     if closing:

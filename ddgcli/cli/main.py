@@ -27,7 +27,7 @@ from ddgcli.errors import DdgError, excerpt, with_short_words
 # name -> (module of ddgcli.cli.commands, help line); a module is imported only when its command runs
 COMMANDS = {
     "info": ("info", "Contents and quality of a mesh file, and which commands accept it."),
-    "repair": ("repair", "Weld, split, orient, fill, cut: each by its own flag."),
+    "repair": ("repair", "Weld, split, orient, fill, cut: one flag for each step."),
     "curvature": ("curvature", "Gaussian, mean and principal curvature of surfaces and curves."),
     "delaunay": ("delaunay", "Intrinsic Delaunay triangulation, refinement, common subdivision."),
     "laplacian": ("laplacian", "Laplace matrices, spectra, Poisson, smoothing, parameterization."),
@@ -38,9 +38,9 @@ COMMANDS = {
     "fluid-sim": ("fluid_sim", "Simulate incompressible flow on a surface or in a volume."),
     "willmore-flow": ("willmore_flow", "Gradient flow of the bending energy of a surface."),
     "curve-flow": ("curve_flow", "Gradient flows of the length or bending energy of curves."),
-    "tradeoff": ("tradeoff", "What accuracy costs in time, on your own input."),
+    "tradeoff": ("tradeoff", "Show what accuracy costs in time, on your own input."),
     "frames": ("frames", "Export frames of a trajectory: meshes, pictures, animations."),
-    "view": ("view", "A page for the browser: rotate, read values, play."),
+    "view": ("view", "Write an HTML page: rotate the mesh, read values, play frames."),
     "batch": ("batch", "Run a command over many inputs and parameter values."),
     "examples": ("examples", "Copy the sample meshes and scenes into a folder."),
     "check": ("check", "Compare a run's summary with a stored one (regression runs)."),
@@ -170,7 +170,7 @@ def _out_of_memory(error: MemoryError, ctx: click.Context) -> CommandError:
 
 
 def _commit_outputs(ctx: click.Context) -> None:
-    """Put the outputs that are complete in their places: nothing is wrong with the call or the input."""
+    """Move complete outputs to their paths: neither the call nor the input was wrong."""
     if "ddgcli.outputs" in ctx.meta:
         ctx.meta["ddgcli.outputs"].commit()
 
@@ -218,7 +218,7 @@ def _usage(error: click.UsageError) -> str:
 
 
 def _escape_undecodable_names() -> None:
-    """Print bytes of file names that are no UTF-8 as escapes, which JSON readers turn back into the name."""
+    """Print bytes of file names that are not UTF-8 as escapes, which JSON readers turn back into the name."""
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")
 

@@ -98,7 +98,7 @@ def joined_ids(ctx: click.Context, param: click.Parameter, value: tuple[list[int
 
 
 class Numbers(click.ParamType):
-    """A fixed count of finite numbers, separated by commas."""
+    """A fixed number of finite numbers, separated by commas."""
 
     name = "numbers"
 
@@ -206,19 +206,19 @@ subdivide = click.option(
 solver = click.option(
     "--solver",
     type=click.Choice(LINEAR_SOLVERS),
-    help="Solver of definite systems: multigrid (the extra) and conjugate-gradients need no factors, whose "
+    help="Solver of definite systems: multigrid (an extra) and conjugate-gradients store no factors, whose "
     "memory grows faster than the mesh.  [default: auto, DDGCLI_SOLVER]",
 )
 scene_arg = click.argument("scene_path", metavar="SCENE", required=False, type=click.Path())
 
 _OUTPUT_OPTIONS = (
     click.option("-o", "--output", "outputs", multiple=True, metavar="PATH",
-                 help="Write the result; the extension is the format. Repeatable; - is standard output."),
-    click.option("--output-format", metavar="EXT", help="Format for -o -, as an extension."),
+                 help="Write the result; the extension selects the format. Repeatable; -: standard output."),
+    click.option("--output-format", metavar="EXT", help="Format of -o -, as a file extension."),
     click.option(
         "--input-format",
         metavar="EXT",
-        help="Format of the input if its name has no known extension; needed for -.",
+        help="Format of the input, if its name has no known extension or it is - (standard input).",
     ),
     click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object."),
     click.option("--full", is_flag=True, help="Print the whole summary; the default is a short one."),
@@ -227,21 +227,24 @@ _PICTURE_OPTIONS = (
     click.option(
         "--colors",
         metavar="ARRAY",
-        help="Colours of ARRAY in -o PATH (.ply, .glb, .obj), with their range as metadata.",
+        help="Store ARRAY as vertex colours in -o PATH (.ply, .glb, .obj), with their range as metadata.",
     ),
     click.option("--plot", metavar="PATH", help="Write a picture of the result (.png, .svg, .pdf)."),
     click.option(
         "--view",
         type=View(),
         metavar="VIEW",
-        help="Of a picture: x, y, z, iso or ELEVATION,AZIMUTH (degrees); an up axis may follow: iso:y.  "
+        help="View of a picture: x, y, z, iso or ELEVATION,AZIMUTH (degrees); an up axis may follow: iso:y.  "
         "[default: along the normal of a flat surface, else the iso view that shows most]",
     ),
     click.option(
         "--show", metavar="ARRAY", help="Array that a picture shows.  [default: the command's main result]"
     ),
     click.option(
-        "--size", type=Size(), metavar="WIDTHxHEIGHT", help="Pixels of a picture.  [default: 1400x1050]"
+        "--size",
+        type=Size(),
+        metavar="WIDTHxHEIGHT",
+        help="Size of a picture in pixels.  [default: 1400x1050]",
     ),
 )
 _PICTURE_NAMES = ("colors", "plot", "view", "show", "size")
@@ -249,7 +252,7 @@ _FURTHER_OPTIONS = (
     click.option("--progress/--no-progress", default=None, help="Progress bar on standard error."),
     click.option("-v", "--verbose", count=True, help="Print more on standard error."),
     click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors."),
-    click.option("--units-note", metavar="TEXT", help="Recorded in the output."),
+    click.option("--units-note", metavar="TEXT", help="Note on the units, recorded in the output."),
     click.option(
         "--seed",
         type=click.IntRange(min=0),
@@ -297,7 +300,7 @@ common = grouped_options("common", CommonOptions, (*_OUTPUT_OPTIONS, *_PICTURE_O
 
 
 def _common_without(*names: str) -> Callable[[Callable], Callable]:
-    """The common options but for pictures' options of these names."""
+    """The common options without the picture options of these names."""
     pictures = [o for o, name in zip(_PICTURE_OPTIONS, _PICTURE_NAMES, strict=True) if name not in names]
     return grouped_options("common", CommonOptions, (*_OUTPUT_OPTIONS, *pictures, *_FURTHER_OPTIONS))
 
@@ -311,7 +314,7 @@ common_without_pictures = grouped_options("common", CommonOptions, (*_OUTPUT_OPT
 def refuse_options(reason: str, *names: str) -> None:
     """Raise ParameterError that names all of these parameters that are on the command line.
 
-    All at once: one of them may need another, which the next error would refuse.
+    All at once, so that an error for one option is not followed by an error for the next.
     """
     context = click.get_current_context()
     words = [

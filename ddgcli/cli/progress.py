@@ -41,7 +41,7 @@ class Progress:
         self._next_idle_redraw = self.due
         self.drawn = 0
         self._share: float | None = None
-        self._seconds_left = math.inf  # the least estimate so far: an estimate that rises is no use
+        self._seconds_left = math.inf  # lowest estimate so far: the displayed time never rises
         self._lock = threading.Lock()
         self._finished = threading.Event()
         if self.active and is_terminal:

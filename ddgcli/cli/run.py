@@ -35,7 +35,7 @@ log = logging.getLogger("ddgcli")
 
 
 class Run:
-    """One run of a subcommand, which reads, writes and prints its summary by this object.
+    """One run of a subcommand: reads the input, writes the outputs and prints the summary.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ class Run:
     formats : sequence of str, optional
         Extensions that `-o` may have; by default those of meshes.
     pictures : {'plot', 'output', 'chart'}
-        Pictures that --view, --show and --size apply to: of --plot, of -o too (the command checks), or
+        Pictures that --view, --show and --size apply to: that of --plot; those of -o too (checked later); or
         charts, which take --size only.
     options : dict
         The subcommand's own options, for the summary and the provenance.
@@ -125,7 +125,7 @@ class Run:
         """Check a folder for outputs before any work; ignore None."""
         existing = next((p for p in (Path(path), *Path(path).parents) if p.exists()), None) if path else None
         if existing is not None and not (existing.is_dir() and os.access(existing, os.W_OK)):
-            reason = "cannot be written to" if existing.is_dir() else "is no folder"
+            reason = "cannot be written to" if existing.is_dir() else "is not a folder"
             raise OutputError(f"{path}: {existing} {reason}; name another folder")
 
     def add_input(self, path: str | None) -> None:
@@ -155,7 +155,7 @@ class Run:
     ) -> MeshInput:
         """Read the input mesh and report it; refuse another kind, and a run that cannot fit into memory.
 
-        What the options require of the mesh the command checks next, before it calls `begin`.
+        The command then checks what its options require of the mesh, before it calls `begin`.
 
         Parameters
         ----------
@@ -229,7 +229,7 @@ class Run:
     def begin(self, shown: Collection[str] | None = None, written: Collection[str] | None = None) -> None:
         """End the checks of the call: a dry run prints its prediction and ends here, a run computes next.
 
-        Every command calls it after all that can be wrong with its options and its input.
+        Every command calls it after it has checked its options and its input.
 
         Parameters
         ----------
@@ -357,7 +357,7 @@ class Run:
             raise OutputError(f"{folder}: {error.strerror}; name another folder") from error
 
     def commit_outputs(self) -> None:
-        """Put the complete outputs in their places together: an error in one leaves none."""
+        """Move the complete outputs to their paths, all or none."""
         self.staged.commit()
 
     def plot(self, draw: Callable[[str], Any]) -> None:

@@ -9,16 +9,16 @@ from typing import Any
 
 
 def open_standard_streams() -> None:
-    """Give the program a standard error that never fails, and no file the number of a closed stream.
+    """Replace standard error by a stream that never fails, and reserve the descriptors of closed streams.
 
-    A file that is opened later would take the number of a closed stream, and messages would be written to it.
+    A file opened later would otherwise get the descriptor of a closed stream, and messages would go to it.
     Closed standard input and output stay None, for errors that name them.
     """
     for number in range(3):
         try:
             os.fstat(number)
         except OSError:
-            os.open(os.devnull, os.O_RDWR)  # takes the lowest free number
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest free descriptor
     if sys.stderr is None or sys.stderr is sys.__stderr__:
         encoding = "utf-8" if sys.stderr is None else sys.stderr.encoding
         sys.stderr = io.TextIOWrapper(

@@ -235,7 +235,9 @@ def require_manifold_body(mesh: TetMesh, verb: str) -> None:
     MeshError
     """
     if len(mesh.tetrahedra) and mesh.boundary.n_faces == 0:
-        raise MeshError("the tetrahedra have no boundary, which no body in space is without; remove one")
+        raise MeshError(
+            "the tetrahedra have no boundary, which is impossible for a body in space; remove one"
+        )
     topology = mesh.boundary.topology
     if len(bad := topology.nonmanifold_edges):
         a, b = topology.edges[bad[0]]

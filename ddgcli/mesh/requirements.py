@@ -96,7 +96,7 @@ REQUIREMENTS = {
     "view": Requirement(
         ("surface", "tetrahedra", "curve"), {"faces": False, "sized": False}, {"faces": False}
     ),
-    "batch": Requirement((), instead="it takes inputs and, behind --, the command to run on them"),
+    "batch": Requirement((), instead="it takes inputs and, after --, the command to run on them"),
     "examples": Requirement((), instead="it takes the folder to copy to"),
     "check": Requirement((), instead="it takes a stored summary (.json)"),
 }

@@ -373,13 +373,13 @@ def lost_worker(*words):
 @pytest.mark.parametrize(
     "words, text",
     [
-        (("a.ply",), "put it behind --"),
+        (("a.ply",), "put it after --"),
         (("--", "info"), "no inputs"),
         (("a.ply", "--", "check"), "no command 'check' for a batch"),
         (("a.ply", "--sweep", "radios=1", "--", "curvature"), "curvature has no option --radios"),
         (
             ("a.ply", "--sweep", "scheme=cotan", "--", "curvature", "--scheme=corrected"),
-            "--sweep: scheme is swept, and --scheme is behind -- too; leave one out",
+            "--sweep: scheme is swept, and --scheme is also an option after --; leave one out",
         ),
         (("a.ply", "--sweep", "threads=1,2", "--", "info", "--threads", "2"), "leave one out"),
         (("nothing*.ply", "--", "info"), "no file matches"),

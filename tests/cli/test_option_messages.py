@@ -90,4 +90,4 @@ def test_a_flow_without_input_states_that_a_resumed_run_needs_it_again(run, comm
     assert f"{missing};" in run(command).stderr
     result = run(command, "--resume", "run.vtkhdf.part")
     assert result.exit_code == 2
-    assert f"{missing}. --resume needs it again, with the options of the run" in result.stderr
+    assert f"{missing}. --resume needs the input again, with the options of the run" in result.stderr

@@ -257,5 +257,7 @@ def test_betti_numbers_of_tetrahedra_that_fold_over_each_other_have_a_warning(ca
 
 
 def test_tetrahedra_without_boundary_are_refused_as_no_body_in_space():
-    with pytest.raises(MeshError, match="the tetrahedra have no boundary, which no body in space is without"):
+    with pytest.raises(
+        MeshError, match="the tetrahedra have no boundary, which is impossible for a body in space"
+    ):
         ddg.betti_numbers(three_torus())

@@ -1,4 +1,4 @@
-"""File names whose bytes are no UTF-8: runs read and write such files, and print the names escaped."""
+"""File names whose bytes are not UTF-8: runs read and write such files, and print the names escaped."""
 
 import errno
 import json

@@ -73,7 +73,7 @@ def edge_set(mesh: SurfaceMesh, array: NDArray, place: str = "", *, parameter: s
     Raises
     ------
     ParameterError
-        When the array fits no elements, a pair is no edge, or the set is empty.
+        When the array fits no elements, a pair is not an edge, or the set is empty.
     MeshError
         For a mesh without edges.
     """

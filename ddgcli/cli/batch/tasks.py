@@ -34,7 +34,7 @@ class Task:
         Swept option names (without dashes) and their values.
     output : str or None
     words : tuple of str
-        Command line behind `ddgcli`.
+        Command line after `ddgcli`.
     output_places : tuple of int
         Where the words name files to write.
     """

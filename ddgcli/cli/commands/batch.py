@@ -157,12 +157,12 @@ def warn_of_empty_columns(rows: Sequence[TaskRow], collect: Sequence[str]) -> No
 
 
 def split_words(words: tuple[str, ...]) -> tuple[list[str], list[str]]:
-    """Inputs before `--` and the command with its options behind it."""
+    """Inputs before `--` and the command with its options after it."""
     typed = click.get_current_context().find_root().meta.get("ddgcli.args", [])
     behind = typed[typed.index("--") + 1 :] if "--" in typed else []
     if not behind:
         raise ParameterError(
-            "no command to run; put it behind --, as in: ddgcli batch 'meshes/*' -- curvature"
+            "no command to run; put it after --, as in: ddgcli batch 'meshes/*' -- curvature"
         )
     inputs = list(words[: len(words) - len(behind)])
     if not inputs:
@@ -199,7 +199,8 @@ def _refuse_second_value(option: click.Parameter, words: list[str], sweeps: dict
         return
     if typed:
         raise ParameterError(
-            f"{swept[0]} is swept, and {typed[0]} is behind -- too; leave one out", parameter="sweep"
+            f"{swept[0]} is swept, and {typed[0]} is also an option after --; leave one out",
+            parameter="sweep",
         )
     if len(swept) > 1:
         raise ParameterError(f"{swept[0]} and {swept[1]} are one option; sweep one", parameter="sweep")

@@ -76,7 +76,7 @@ def command(
 ) -> None:
     """Run COMMAND and compare its summary with the one in EXPECTED.json, and its arrays with a stored mesh.
 
-    --update writes EXPECTED.json; the plain output of COMMAND --json works too. A number may change by
+    --update writes EXPECTED.json; the output of COMMAND --json works too. A number may change by
     atol + rtol |expected|; under `accuracy` atol is at least 1e-9, because smaller residuals are rounding.
     Everything else must be equal. Seconds, versions and file names are not compared. The file may contain
     its own tolerances, which options override:

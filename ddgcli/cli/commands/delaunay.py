@@ -44,7 +44,7 @@ OVERLAY_FORMATS = (".npz", ".vtkhdf", ".ply", ".vtu", ".vtp", ".vtk", ".xdmf", "
 @click.option(
     "--overlay",
     metavar="PATH",
-    help="Write the common subdivision with input as a mesh: arrays input_face, intrinsic_face, vertex_kind "
+    help="Write the common subdivision with the input: arrays input_face, intrinsic_face, vertex_kind "
     "(0 input vertex, 1 Steiner point, 2 crossing).",
 )
 @click.option(

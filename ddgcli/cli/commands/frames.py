@@ -48,7 +48,7 @@ TIME_LABELS = {"time_name": "t", "time_unit": "s"}  # attributes of trajectories
     show_default=True,
     help="Take every N-th frame.",
 )
-@click.option("--array", metavar="NAME", help="The same as --show; 'none' for none.")
+@click.option("--array", metavar="NAME", help="The same as --show; 'none' for no array.")
 @click.option("--paths", is_flag=True, help="Write the paths of particles as polylines instead of the mesh.")
 @click.option(
     "--glyphs", type=click.Choice(VELOCITY_GLYPHS), help="Velocity of a fluid in pictures.  [default: arrows]"

@@ -59,7 +59,7 @@ _OPTIONS = (
     click.option("--gradient", is_flag=True, help="Also the face array distance_gradient."),
     click.option("--isolines", type=click.IntRange(1, 10_000), metavar="N",
                  help="Level lines of the distance at N evenly spaced levels, in --paths-output; of the "
-                      "--signed-distance where there is no source."),
+                      "--signed-distance if there is no source."),
     click.option("--compare", multiple=True, type=click.Choice(DISTANCE_METHODS), metavar="METHOD...",
                  help="Error against other methods, and their seconds."),
     click.option("--certify", is_flag=True,

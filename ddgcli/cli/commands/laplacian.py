@@ -148,7 +148,7 @@ class FixedValue(click.ParamType):
     "--form-eigen",
     type=click.IntRange(min=1),
     metavar="K",
-    help="The K smallest eigenpairs of the Hodge Laplacian of 1-forms: eigenform_000, ... on edges, "
+    help="The K smallest eigenpairs of the Hodge Laplacian on 1-forms: eigenform_000, ... on edges, "
     "eigenform_vectors_000, ... on cells.",
 )
 @evolution_options

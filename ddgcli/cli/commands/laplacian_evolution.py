@@ -70,7 +70,7 @@ _OPTIONS = (
                  help="Time step; heat is exact at any.  "
                       "[default: a hundredth of the duration, of short waves less]"),
     click.option("--frames", "n_frames", type=click.IntRange(min=1), metavar="N",
-                 help="Frames of the trajectory, besides the first.  [default: 50]"),
+                 help="Number of frames after the first.  [default: 50]"),
 )  # fmt: skip
 
 evolution_options = grouped_options("evolution", EvolutionOptions, _OPTIONS)

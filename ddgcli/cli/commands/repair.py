@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     flag_value="0",
     type=options.NONNEGATIVE_NUMBER,
     metavar="[DISTANCE]",
-    help="Divide boundary edges at vertices on them, up to DISTANCE away (T-junctions).",
+    help="Divide boundary edges at boundary vertices on them, or up to DISTANCE away (T-junctions).",
 )
 @click.option("--orient", is_flag=True, help="Reverse faces so that neighbours have the same orientation.")
 @click.option(
@@ -53,14 +53,16 @@ if TYPE_CHECKING:
 )
 @click.option("--largest", is_flag=True, help="Keep the component with the largest area.")
 @click.option("--cut-to-disk", is_flag=True, help="Cut every component open to a disk.")
-@click.option("--for", "for_command", multiple=True, metavar="COMMAND", help="The steps that COMMAND needs.")
+@click.option(
+    "--for", "for_command", multiple=True, metavar="COMMAND", help="Run the steps that COMMAND needs."
+)
 @options.common
 def command(mesh_path: str, common: CommonOptions, for_command: tuple[str, ...], **steps: Any) -> None:
     """Repair the surface MESH, or tetrahedra, and write it with maps to the input.
 
-    Every step has a flag; nothing else is changed. Steps run in this order: --weld, --drop-degenerate,
-    --drop-duplicates, --split-edges, --largest, --split-fans, --orient, --split-folds, --fill-holes,
-    --cut-to-disk, --drop-unused.
+    Every step has a flag, and only these steps change the mesh. They run in this order: --weld,
+    --drop-degenerate, --drop-duplicates, --split-edges, --largest, --split-fans, --orient, --split-folds,
+    --fill-holes, --cut-to-disk, --drop-unused.
 
     Tetrahedra have --weld, --drop-degenerate, --drop-duplicates, --split-fans (bodies that touch), --orient
     (inverted cells) and --drop-unused.

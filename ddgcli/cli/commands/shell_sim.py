@@ -39,7 +39,7 @@ TIME_STEP_OPTIONS = ("steps", "duration", "step", "frame_every", "tolerance")
     multiple=True,
     callback=joined_ids,
     metavar="ID...",
-    help="Quick form: hold these vertices.",
+    help="Quick form: pin these vertices.",
 )
 @click.option(
     "--material",
@@ -48,17 +48,21 @@ TIME_STEP_OPTIONS = ("steps", "duration", "step", "frame_every", "tolerance")
     "steel or glass.",
 )
 @click.option(
-    "--set", "settings", multiple=True, metavar="KEY=VALUE", help="Quick form: a key of the object, in TOML."
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Quick form: set a key of the object, in TOML.",
 )
 @click.option(
     "--modes",
     type=click.IntRange(1, 1000),
     metavar="K",
-    help="Natural frequencies about the start, or about the equilibrium of `static`; takes no time steps.",
+    help="Compute K vibration modes about the start, or the equilibrium of `static`; no time steps.",
 )
 @click.option(
     "--buckling", type=click.IntRange(1, 1000), metavar="K",
-    help="Factors on the loads at which the shell at rest buckles (linear theory); takes no time steps.",
+    help="Compute the K lowest load factors at which the shell buckles (linear theory); no time steps.",
 )  # fmt: skip
 def command(call: SceneCall, modes: int | None, buckling: int | None, **quick: Any) -> None:
     """Simulate thin elastic shells: SCENE is a .toml file, or a mesh with the options of the quick form.
@@ -95,7 +99,7 @@ def _require_no_steps(call: SceneCall, analysis: str) -> None:
 
 
 def quick_lines(options: Mapping[str, Any]) -> tuple[tuple[str, ...], dict[str, Any]]:
-    """Lines of effects and keys of the object that the options of the quick form mean."""
+    """Effect lines and object keys that the options of the quick form stand for."""
     from ddgcli.cli.simulation.scene_input import toml_settings
 
     pinned, material = options.get("pinned"), options.get("material")

@@ -40,7 +40,7 @@ SIMULATORS = ("shell-sim", "fluid-sim", "willmore-flow")
     context_settings={"ignore_unknown_options": True},
     epilog="Choosing a method: --within ERROR reports the cheapest configuration; use --norm mean if "
     "single vertices (at creases) have large errors. See docs/tradeoff.md, and docs/accuracy/ for plots "
-    "on known truths.",
+    "on problems with known answers.",
 )
 @click.argument("compared", metavar="COMMAND", type=click.Choice(COMMANDS))
 @click.argument("words", metavar="INPUT [OPTIONS OF COMMAND]", nargs=-1, type=click.UNPROCESSED)
@@ -64,7 +64,7 @@ SIMULATORS = ("shell-sim", "fluid-sim", "willmore-flow")
     help="Simulators and flows: compare by the distance from the limit of small steps and fine meshes (both, "
     "default), or by the error in time or of the mesh alone.",
 )
-@click.option("--truth", metavar="SHAPE", help="Known truth: sphere:R, torus:R,r, ellipsoid:a,b,c ...")
+@click.option("--truth", metavar="SHAPE", help="Known exact shape: sphere:R, torus:R,r, ellipsoid:a,b,c ...")
 @click.option(
     "--conserved",
     type=click.Choice(CONSERVED_QUANTITIES),
@@ -74,7 +74,7 @@ SIMULATORS = ("shell-sim", "fluid-sim", "willmore-flow")
 @click.option(
     "--maps",
     is_flag=True,
-    help="laplacian: compare the maps to the plane of --parameterize by their conformal distortion.",
+    help="laplacian: compare the maps of --parameterize by their conformal distortion.",
 )
 @click.option(
     "--budget",
@@ -110,7 +110,7 @@ def command(
 
     COMMAND is curvature, delaunay, laplacian, geodesic, shell-sim, fluid-sim or willmore-flow. Every method
     runs with several values of its parameters against the most accurate reference within the budget, or
-    against a known truth. * marks the Pareto front: no other row is better in both time and error.
+    against a known exact answer. * marks the Pareto front: no other row is better in both time and error.
 
     COMMAND's own options follow INPUT. Options of the problem (--source, --eigen, --duration, --effect, ...)
     apply to every row; an option that chooses a method or a parameter (--method heat, --refine 20) restricts
@@ -201,7 +201,7 @@ def _end_dry_run(run: Run, facts: dict[str, Any], budget: float) -> None:
 
 
 def _cost_of_example(run: Run) -> dict[str, Any]:
-    """Forecast of a mechanical system of a few numbers: that of the program alone."""
+    """Forecast for a mechanical example: that of the program alone, since the system is tiny."""
     from ddgcli.cli.forecast.check_cost import predict_run
     from ddgcli.cli.forecast.prediction import as_results
 

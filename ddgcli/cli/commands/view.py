@@ -26,7 +26,7 @@ COUNTS = ("vertices", "faces", "tetrahedra", "lines", "frames")  # of several in
 MAX_PAGE_MIB = 400  # a browser reads the page as one string
 
 
-@click.command("view", short_help="A page for the browser: rotate, read values, play.")
+@click.command("view", short_help="Write an HTML page: rotate the mesh, read values, play frames.")
 @click.argument("paths", metavar="RESULT...", nargs=-1, required=True, type=click.Path())
 @click.option(
     "--every",
@@ -36,7 +36,7 @@ MAX_PAGE_MIB = 400  # a browser reads the page as one string
     metavar="N",
     help="Show every N-th frame of a trajectory.",
 )
-@click.option("--array", metavar="NAME", help="Array to begin with.")
+@click.option("--array", metavar="NAME", help="Array to show first.")
 @click.option("--up", type=click.Choice(UP_AXES), help="Axis that points up (default: from the shape).")
 @options.common_without_pictures
 def command(
@@ -45,7 +45,7 @@ def command(
     """Write one self-contained page that shows RESULTs: surfaces, curves, the trajectory of a simulation.
 
     The page needs a browser with WebGL2 and no network. Drag to rotate, shift-drag to move, wheel to zoom;
-    click for the number and the value of a vertex or face; choose array, colour map, range and isolines; jump
+    click for the index and the value of a vertex or face; choose array, colour map, range and isolines; jump
     to the smallest or largest value; play frames; switch inputs on and off to compare.
 
     \b
@@ -56,7 +56,7 @@ def command(
     """
     run = Run("view", common, formats=(".html",), every=every, array=array, up=up)
     if not common.outputs:
-        raise ParameterError("the page needs a place; add -o page.html")
+        raise ParameterError("the page needs an output file; add -o page.html")
     from ddgcli.plots.web_page import page_bytes
 
     objects: list[ViewedObject] = []
@@ -65,7 +65,7 @@ def command(
     for path in paths:
         trajectory_frames = _trajectory(run, path, every)
         if trajectory_frames is not None and times:
-            raise ParameterError("two trajectories have two clocks; view one at a time")
+            raise ParameterError("a page can show only one trajectory; view them one at a time")
         viewed, seconds = trajectory_frames or ([_static(run, path)], [])
         objects += viewed
         times = seconds or times
@@ -73,7 +73,7 @@ def command(
     if len(paths) > 1:
         run.input = {"path": " ".join(paths), **totals}
     if every > 1 and not times:
-        raise ParameterError("is for trajectories, and no input is one; leave it out", parameter="every")
+        raise ParameterError("applies to trajectories, and no input is one; leave it out", parameter="every")
     names = sorted({name for viewed in objects for name in (*viewed.vertex, *viewed.face)})
     if array is not None:
         named_array(dict.fromkeys(names), array)
@@ -99,8 +99,8 @@ def _static(run: Run, path: str) -> ViewedObject:
     from ddgcli.plots.web_page import ViewedObject
 
     name = Path(path).name
-    if on_edges := sorted(set(source.edge) - {"edges"}):  # the pairs of vertices are no result
-        log.warning(f"{name}: the page has no place for arrays on edges ({', '.join(on_edges)})")
+    if on_edges := sorted(set(source.edge) - {"edges"}):  # `edges` holds the end vertices, not a result
+        log.warning(f"{name}: the page does not show arrays on edges ({', '.join(on_edges)})")
     if isinstance(source.mesh, CurveSet):
         arrays = [{k: [v] for k, v in own.items() if _drawable(v)} for own in (source.vertex, source.face)]
         return ViewedObject(name, [source.mesh.points], [source.mesh.lines], *arrays)
@@ -115,7 +115,7 @@ def _drawable(values: Any) -> bool:
 
 
 def _trajectory(run: Run, path: str, every: int) -> tuple[list[ViewedObject], list[float]] | None:
-    """Frames of a trajectory of ours and its obstacles; None for any other file."""
+    """Frames and obstacles of a ddgcli trajectory; None for any other file."""
     if Path(path).suffix.lower() not in TRAJECTORY_SUFFIXES:
         return None
     from ddgcli.io.trajectories.trajectory import Trajectory

@@ -74,14 +74,14 @@ def _names(names: tuple[str, ...]) -> str:
 @click.option(
     "--remesh",
     metavar="LENGTH",
-    help="Split, collapse and flip edges towards this length during the flow; mean: the mean of the input.",
+    help="Split, collapse and flip edges towards this length during the flow; mean: that of the input.",
 )
 @click.option("--remesh-adaptive", is_flag=True, help="With --remesh: shorter where the surface is curved.")
 @click.option("--report-energy", metavar="all", help="Report every energy at every frame.")
 @click.option(
     "--region",
     metavar="ARRAY|FILE",
-    help="Move these vertices only: an array of the input or a file, one value per vertex (not 0: moves), or "
+    help="Move these vertices only: an array of the input, or a file: a value per vertex (0: fixed), or "
     "vertex indices.",
 )
 def command(

@@ -1,4 +1,4 @@
-"""Cost of a simulation by its first steps, which a dry run takes where they are short."""
+"""Predicted cost of a simulation from its first steps, which a dry run takes if they are short."""
 
 from __future__ import annotations
 

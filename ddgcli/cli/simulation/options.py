@@ -30,7 +30,7 @@ def _time(unit: str, steps: str, error: str) -> tuple[Callable, ...]:
         click.option(
             "--tolerance",
             type=options.POSITIVE_NUMBER,
-            help=f"Adaptive steps: largest error of a step, over {error}.",
+            help=f"Adaptive steps: largest error of a step, relative to {error}.",
         ),
         click.option("--integrator", metavar="NAME", help="Time scheme."),
     )
@@ -38,11 +38,14 @@ def _time(unit: str, steps: str, error: str) -> tuple[Callable, ...]:
 
 _TIME_NAMES = ("steps", "duration", "step", "frame_every", "tolerance", "integrator")
 _RESUME = click.option(
-    "--resume", metavar="RUN.part", type=click.Path(), help="Continue from its last whole frame."
+    "--resume",
+    metavar="RUN.part",
+    type=click.Path(),
+    help="Continue an interrupted run from its last whole frame.",
 )
 _SCENE: tuple[Callable, ...] = (
     click.option("--effect", "effect_lines", multiple=True, metavar="'NAME KEY=VALUE ...'",
-                 help="Without a scene file: an effect, its parameters in TOML. Repeatable."),
+                 help="Quick form: add an effect, with its parameters in TOML. Repeatable."),
     click.option("--effects", "list_effects", is_flag=True, help="List the effects and their parameters."),
     click.option("--schema", is_flag=True, help="Print the JSON Schema of scenes, for editors."),
 )  # fmt: skip
@@ -84,7 +87,7 @@ class FlowInput(click.Argument):
             return super().process_value(ctx, value)
         except click.MissingParameter as error:
             if ctx.params.get("resume"):
-                message = "--resume needs it again, with the options of the run."
+                message = "--resume needs the input again, with the options of the run."
                 raise click.MissingParameter(message, ctx, self) from error
             raise
 
@@ -96,7 +99,7 @@ def flow_time_options(command: Callable) -> Callable:
 
 def curve_time_options(command: Callable) -> Callable:
     """Add the same options for flows of curves, which have one time scheme."""
-    return _with_time(command, _time(CURVE_TIME_UNIT, "Steps to take.", "the size of the curves")[:-1])
+    return _with_time(command, _time(CURVE_TIME_UNIT, "Number of steps.", "the size of the curves")[:-1])
 
 
 def _with_time(command: Callable, time: tuple[Callable, ...]) -> Callable:
@@ -121,9 +124,9 @@ def scene_options(models: str, error: str) -> Callable[[Callable], Callable]:
     """
     model = click.option(
         "--model", "model", multiple=True, metavar="EFFECT=NAME",
-        help=f"Another model of an effect: {models}. Repeatable.",
+        help=f"Select another model of an effect: {models}. Repeatable.",
     )  # fmt: skip
-    time = _time("s", "Steps of one length to take; overrides the scene's duration.", error)
+    time = _time("s", "Number of equal steps; overrides the scene's duration.", error)
 
     def decorate(command: Callable) -> Callable:
         @functools.wraps(command)

@@ -178,7 +178,7 @@ def magnitude(values: NDArray) -> NDArray:
 
 
 def visible_part(mesh: Any, shown: NDArray | None) -> Any:
-    """The faces to draw; of tetrahedra the boundary of those behind the middle, so that a cut is seen."""
+    """The faces to draw; of tetrahedra the boundary of the rear half, so that a cut is visible."""
     if isinstance(mesh, TetMesh):
         return cut_open(mesh)
     if shown is None or shown.all():
@@ -189,7 +189,7 @@ def visible_part(mesh: Any, shown: NDArray | None) -> Any:
 
 
 def cut_open(mesh: TetMesh) -> TriangleMesh:
-    """Boundary of the cells whose centroid has more than the middle y."""
+    """Boundary of the cells whose centroids lie in the upper half of the y range."""
     import numpy as np
 
     y = mesh.points[mesh.tetrahedra][..., 1].mean(axis=1)

@@ -92,7 +92,7 @@ def read_npz(data: bytes) -> RawMesh:
     raw = raw_of_arrays(arrays)
     if others:
         raw.notes.append(
-            f"{len(others)} members of the archive are no arrays and are omitted: {excerpt(others[0], 40)}"
+            f"{len(others)} members of the archive are not arrays and are omitted: {excerpt(others[0], 40)}"
         )
     return raw
 

@@ -82,7 +82,7 @@ class _Arrays:
         kind = root.get("header_type", "UInt32")
         if kind not in HEADER_TYPES:
             raise MeshFileError(
-                f"header_type {excerpt(kind, 40)!r} is none of {', '.join(HEADER_TYPES)}; correct it"
+                f"header_type {excerpt(kind, 40)!r} is not one of {', '.join(HEADER_TYPES)}; correct it"
             )
         self.header = np.dtype(self.order + TYPES[kind])
         self.compressor = root.get("compressor")

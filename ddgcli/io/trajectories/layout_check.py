@@ -98,7 +98,7 @@ def _check_cells(file: Any, count: int) -> tuple[NDArray, NDArray]:
         raise MeshFileError(f"its cells are no {'tetrahedra' if solid else 'triangles'}")
     ends = np.zeros(0) if solid else _rows(root, "Lines/Connectivity", 0, "iu")
     if len(ends) % 2 or (len(ends) and len(corners)):
-        raise MeshFileError("its lines are no segments, or lie beside faces")
+        raise MeshFileError("its lines are not segments, or it also has faces")
     return counts, np.full(count, len(ends) // 2) if len(ends) else sizes // width
 
 
@@ -125,7 +125,7 @@ def _check_obstacle(obstacle: Any, poses: Any, count: int) -> None:
     """Faces, name and, where it moves, the poses of an obstacle."""
     points, faces = _rows(obstacle, "points", 0, "f", (3,)), _rows(obstacle, "faces", 0, "iu", (3,))
     if len(faces) and not 0 <= int(faces[...].min()) <= int(faces[...].max()) < len(points):
-        raise MeshFileError("an obstacle names a point that it has not")
+        raise MeshFileError("an obstacle names a point that it does not have")
     name = obstacle.attrs.get("name")
     if not isinstance(name, (str, bytes)):
         raise MeshFileError("an obstacle has no name")
@@ -142,7 +142,7 @@ def _check_texts(ours: Any) -> None:
         if isinstance(value, bytes):
             value.decode()
     if not isinstance(json.loads(ours.attrs.get("overrides", "{}")), dict):
-        raise MeshFileError("its recorded options are no table")
+        raise MeshFileError("its recorded options are not a table")
     for name, value in ours.items():
         if isinstance(value, h5py.Dataset) and value.dtype.kind == "O":
             text = value[()]
@@ -181,7 +181,7 @@ def _group(parent: Any, name: str) -> Any:
     if item is None or not hasattr(item, "items"):
         raise MeshFileError(f"no group '{name}'")
     if not all(isinstance(member, str) for member in item):  # h5py gives names that are no UTF-8 as bytes
-        raise MeshFileError(f"a name in the group '{name}' is no UTF-8")
+        raise MeshFileError(f"a name in the group '{name}' is not UTF-8")
     return item
 
 

@@ -174,7 +174,7 @@ def _warn_of_rest(parameters: InitialSection, space: SurfaceSpace, vorticity: ND
     speed = float(np.sqrt(energy) / np.sqrt(0.5 * space.area.sum()))
     if speed <= REST_SPEED_SHARE * abs(parameters.strength) and parameters.strength:
         log.warning(
-            "flow %r leaves the fluid at rest on this surface: its vorticity is none, constant or on walls "
+            "flow %r leaves the fluid at rest on this surface: its vorticity is zero, constant or on walls "
             "alone; give another flow or other keys (such as center), or vorticity",
             parameters.flow,
         )

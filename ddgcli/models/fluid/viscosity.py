@@ -18,7 +18,7 @@ from ddgcli.simulation.effects import Effect
 class ViscositySection(Section):
     """Friction within the fluid."""
 
-    nu: quantity("m^2/s", "kinematic viscosity; 0 is no friction", ge=0)
+    nu: quantity("m^2/s", "kinematic viscosity; 0: no friction", ge=0)
     kind: Literal["hodge", "bochner", "deformation"] = Field(
         "hodge", description="Laplacian; on the unit sphere a rigid turn decays at 2 nu, nu, or not at all"
     )

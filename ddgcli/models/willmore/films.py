@@ -132,7 +132,7 @@ def film_constraints(
     size = 1.0 if component is None else areas(unit, component) ** 1.5  # small components are no flat ones
     if np.min(np.abs(inside) / size) < MIN_VOLUME:
         raise MeshError(
-            "the surface encloses no volume, and there is none to keep or to raise; leave "
+            "the surface encloses no volume that could be kept or raised; leave "
             f"{'`fix_volume`' if options.fix_volume else '`fix_area`'} out"
         )
     return constraints

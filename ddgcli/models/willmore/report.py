@@ -152,7 +152,7 @@ def warn_of_closed_hole(series: Mapping[str, NDArray], times: NDArray | None, la
     place = last.points[last.faces[face, [side, (side + 1) % 3]]].mean(axis=0)
     logging.getLogger("ddgcli").warning(
         "a hole or a neck of the surface has closed by time %.6g (near %s): its faces no longer resolve it, "
-        "what follows is no mean curvature flow, and the surface may pass through itself; use a shorter "
+        "what follows is not mean curvature flow, and the surface may pass through itself; use a shorter "
         "`duration`",
         times[np.argmax(closed)], " ".join(f"{x:.4g}" for x in place),
     )  # fmt: skip

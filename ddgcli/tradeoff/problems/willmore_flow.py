@@ -100,7 +100,9 @@ def _remark(mesh: TriangleMesh, fixed_options: CommandOptions) -> str:
     name = setup.chosen_energy(mesh.topology, setup.FlowOptions(timed=True, **fixed_options))
     if ENERGIES[name].converges:
         return ""
-    return f"the limit of energy {name} depends on how the edges lie; its distance from int H^2 is no error"
+    return (
+        f"the limit of energy {name} depends on how the edges lie; its distance from int H^2 is not an error"
+    )
 
 
 def _setup(mesh: TriangleMesh, fixed_options: CommandOptions, span: float, parameters: CommandOptions) -> Any:
