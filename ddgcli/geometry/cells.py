@@ -83,7 +83,7 @@ def triangle_metric(side_length: NDArray) -> CellMetric:
 def embedded_triangle_metric(mesh: TriangleMesh) -> CellMetric:
     """Metric of triangles from their positions.
 
-    Lengths determine areas to 1e-8 of the longest side squared only: by them flatter caps have none.
+    Lengths determine areas only to 1e-8 of the squared longest side: flatter caps would have no area.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def embedded_triangle_metric(mesh: TriangleMesh) -> CellMetric:
     Returns
     -------
     CellMetric
-        As of `triangle_metric`.
+        As for `triangle_metric`.
 
     Raises
     ------

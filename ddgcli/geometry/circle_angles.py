@@ -39,7 +39,7 @@ def circle_angle(real: NDArray, imaginary: NDArray) -> NDArray[np.float64]:
     ----------
     real : (h,) ndarray of float64
     imaginary : (3, h) ndarray of float64
-        Of `side_product`.
+        As returned by `side_product`.
 
     Returns
     -------

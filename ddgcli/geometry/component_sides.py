@@ -1,4 +1,4 @@
-"""Mean sides and extents of the components of a mesh: units of length on each, whatever lies beside it."""
+"""Mean side lengths and extents of the components of a mesh: a unit of length for each component."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import angle_of, cone_volume, cross, dot, ratio, unit_vectors
 
-FOLD_TOLERANCE = 1e-7  # radians from pi at which the side of a fold is rounding
+FOLD_TOLERANCE = 1e-7  # radians from pi within which the sign of a fold's angle is rounding
 EDGES_PER_BLOCK = 16_384  # edges handled at once: the working arrays stay in the cache
 
 
@@ -178,7 +178,7 @@ class EdgeBlock:
     Parameters
     ----------
     side, twin, edge : (k,) ndarray of int64
-        Flat indices of the sides, and indices of the edges.
+        Flat indices of the two sides, and the edge index.
     tail, vector : (3, k) ndarray of float64
         Start and vector of the first side.
     length : (k,) ndarray of float64

@@ -140,7 +140,7 @@ class Faces:
         product = cross(self.side[0], self.side[1])
         squared = self.squared_length
         longest = np.maximum(np.maximum(squared[0], squared[1]), squared[2])
-        with np.errstate(over="ignore"):  # above the floating-point range no face counts as a needle
+        with np.errstate(over="ignore"):  # if squares overflow, no face counts as a needle
             needles = np.flatnonzero(dot(product, product) < 1e-3 * longest * longest)
         for j in range(2):  # side 2 is not among the factors above
             where = needles[squared[j, needles] == longest[needles]]

@@ -116,7 +116,7 @@ def hinge_frame(x: NDArray, stencil: NDArray) -> HingeFrame:
     x : (n, 3) ndarray of float64
         Positions.
     stencil : (h, 4) ndarray of int64
-        Of `hinges`.
+        As returned by `hinges`.
 
     Returns
     -------

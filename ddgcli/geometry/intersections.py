@@ -12,9 +12,9 @@ from ddgcli.mesh.vectors import cross, dot
 
 FACES_PER_LEAF = 4  # of the tree of boxes
 MAX_PAIRS = 1 << 14  # pairs of boxes handled at once
-PAIRS_PER_FACE = 1000.0  # 0.2 milliseconds a face; scans and parts need 20 to 50
-RUN_PAIRS_PER_FACE = 200.0  # that a check of a run compares; where there are more, it costs more than the run
-LEAST_FACES = 5000  # as many as these a mesh of fewer faces may compare
+PAIRS_PER_FACE = 1000.0  # limit; 0.2 milliseconds per face; scans and CAD parts need 20 to 50
+RUN_PAIRS_PER_FACE = 200.0  # limit for checks within a run, which would otherwise cost more than the run
+LEAST_FACES = 5000  # meshes of fewer faces have the limit of this many faces
 # Shewchuk's bound of the rounding of a determinant of three differences, over that of their absolute values
 ORIENTATION_ERROR = (7.0 + 56.0 * 2.0**-53) * 2.0**-53
 
@@ -44,7 +44,7 @@ def intersecting_faces(
     Raises
     ------
     SolveError
-        Where more boxes lie side by side, as those of needles oblique to the axes and of fans of many faces.
+        If more boxes overlap, as for needles oblique to the axes and fans of many faces.
 
     Notes
     -----
@@ -94,14 +94,14 @@ def intersecting_faces(
 
 
 def bounded_intersections(points: NDArray, faces: NDArray, *, depth: float = 0.0) -> NDArray[np.int64] | None:
-    """Pairs of triangles that cross, for a check of a run: given up where it would cost more than the run.
+    """Pairs of triangles that cross, for a check within a run; None if it would cost more than the run.
 
     Parameters
     ----------
     points : (n, 3) ndarray of float64
     faces : (m, 3) ndarray of int64
     depth : float
-        As of `intersecting_faces`.
+        As for `intersecting_faces`.
 
     Returns
     -------
@@ -125,7 +125,7 @@ def _common_corners(index: NDArray, i: NDArray, j: NDArray) -> NDArray[np.int8]:
 
 
 def _absolute_cross(a: NDArray, b: NDArray) -> NDArray[np.float64]:
-    """Components of a cross product with sums in place of differences, of absolute values."""
+    """Cross product of the absolute values with sums instead of differences, for the rounding bound."""
     a, b = np.abs(a), np.abs(b)
     return np.stack([a[1] * b[2] + a[2] * b[1], a[2] * b[0] + a[0] * b[2], a[0] * b[1] + a[1] * b[0]])
 
@@ -161,7 +161,7 @@ def _intervals_overlap(
 
 
 def _lone_corner_first(triangle: NDArray, sides: NDArray) -> tuple[list[NDArray], NDArray]:
-    """Corners from the one that is alone on its side of the plane on, in order, and its side."""
+    """Corners in order, first the one that is alone on its side of the plane; and its side."""
     side = np.where((sides > 0).sum(axis=0) == 1, 1.0, -1.0)
     lone, k = (sides == side).argmax(axis=0), np.arange(sides.shape[1])
     return [triangle[(lone + step) % 3, :, k].T for step in range(3)], side

@@ -13,7 +13,8 @@ from ddgcli.mesh.topology import PREVIOUS
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import dot, ratio
 
-# of the largest sum of normals: only shorter ones may have cancelled; of a sum over the sizes of its terms
+# a sum shorter than this share of the longest is tested for cancellation; and the share of the sum of the
+# absolute values of its terms below which it is rounding
 MIN_TOTAL_SHARE, CANCELLATION_ROUNDING = 1e-9, 1e-12
 
 
@@ -64,7 +65,7 @@ def _scaled_faces(mesh: TriangleMesh) -> Faces:
 
 
 def sphere_normal_columns(faces: Faces) -> NDArray[np.float64]:
-    """Unit normals as of `sphere_normals`, as columns.
+    """Unit normals as for `sphere_normals`, as columns.
 
     Parameters
     ----------
@@ -92,7 +93,7 @@ def _weighted_normals(faces: Faces) -> NDArray[np.float64]:
 
 
 def area_normal_columns(faces: Faces) -> NDArray[np.float64]:
-    """Unit normals as of `area_normals`, as columns.
+    """Unit normals as for `area_normals`, as columns.
 
     Parameters
     ----------

@@ -29,7 +29,7 @@ class Surface(Protocol):
 
 
 class PlaneGap:
-    """Half-space on the side of a plane that the normal leaves."""
+    """Half-space below a plane, on the side opposite to its normal."""
 
     def __init__(self, point: Any, normal: Any) -> None:
         self.point = np.array(point, dtype=float)

@@ -12,8 +12,8 @@ from ddgcli.mesh.vectors import row_dot
 
 SAMPLES_OF_A_BLOCK = 100_000
 SINGLE_PRECISION = float(np.finfo(np.float32).eps)  # in which STL and most PLY files hold coordinates
-ROUNDINGS = 2.0  # of the vertex, and of the side where that is
-MAX_SHARE = 0.01  # of the length of a side: a vertex farther beside it is not on it, however rounded
+ROUNDINGS = 2.0  # one of the vertex and one of the side
+MAX_SHARE = 0.01  # of the length of a side: a vertex farther from it is not on it, whatever the rounding
 
 
 def t_junctions(mesh: TriangleMesh, distance: float = 0.0) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -23,8 +23,8 @@ def t_junctions(mesh: TriangleMesh, distance: float = 0.0) -> tuple[NDArray[np.i
     ----------
     mesh : TriangleMesh
     distance : float
-        Of a vertex from the side (length units); 0: what rounding to single precision explains. If all
-        coordinates are numbers of single precision, that is two units in their last place along each axis;
+        Largest distance of a vertex from the side (length units); 0: that of rounding to single precision.
+        If all coordinates are single-precision numbers, that is two units in the last place along each axis;
         otherwise the coordinates may have been moved since, and it is 2.4e-7 of the extent of the
         component. In both cases at most a hundredth of the side. Vertices as close to an end of the side
         are not on it.

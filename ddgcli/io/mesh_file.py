@@ -306,7 +306,7 @@ def write_mesh(
     Raises
     ------
     OutputError
-        As of `check_output`; a format that cannot hold the mesh; a file that cannot be written.
+        As for `check_output`; a format that cannot hold the mesh; a file that cannot be written.
     """
     suffix = check_output(path, output_format)
     from ddgcli.io.writers.cell_data import cell_data_of, warn_of_lost_edge_arrays

@@ -69,12 +69,12 @@ def write_atomically(path: str, content: FileContent, *, staged: StagedOutputs |
     Raises
     ------
     OutputError
-        As of `atomic_output`.
+        As for `atomic_output`.
     """
     if path == "-":
         if sys.stdout is None:
             raise OutputError("-: standard output is closed; name a file")
-        buffer = io.BytesIO()  # an archive is written with seeks, which a pipe has not
+        buffer = io.BytesIO()  # an archive is written with seeks, which a pipe does not support
         write_content(buffer, content)
         sys.stdout.buffer.write(buffer.getbuffer())
         sys.stdout.buffer.flush()

@@ -273,6 +273,6 @@ def lie_derivative(mesh: SpaceMesh, vectors: ArrayLike, form: ArrayLike) -> NDAr
         return whitney.lie_derivative(mesh, *operands(complex_of(mesh), "lie_derivative", vectors, form))
 
 
-def _require_forms(mesh: SpaceMesh, verb: str) -> None:
+def _require_forms(mesh: SpaceMesh, subject: str) -> None:
     if isinstance(mesh, TriangleMesh):
-        require(mesh, verb, manifold=True, oriented=True)
+        require(mesh, subject, manifold=True, oriented=True)

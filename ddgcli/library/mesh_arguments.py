@@ -138,7 +138,7 @@ def _refuse_quadrilaterals(cells: NDArray) -> None:
         )
 
 
-def mesh_of_kind(mesh: MeshLike, kinds: tuple[str, ...], verb: str) -> Any:
+def mesh_of_kind(mesh: MeshLike, kinds: tuple[str, ...], subject: str) -> Any:
     """Mesh of an argument, refused where it is not of one of the kinds.
 
     Parameters
@@ -146,7 +146,7 @@ def mesh_of_kind(mesh: MeshLike, kinds: tuple[str, ...], verb: str) -> Any:
     mesh : see `as_mesh`
     kinds : tuple of str
         Of KIND_CLASS.
-    verb : str
+    subject : str
         Subject of the message.
     """
     converted = as_mesh(mesh)
@@ -155,7 +155,7 @@ def mesh_of_kind(mesh: MeshLike, kinds: tuple[str, ...], verb: str) -> Any:
     kind = next(name for name, cls in KIND_CLASS.items() if isinstance(converted, cls))
     remedy = "; pass their boundary, mesh.boundary" if kind == "tetrahedra" and "surface" in kinds else ""
     accepted = " or ".join(KIND_PHRASE[name] for name in kinds)
-    raise MeshError(f"{verb} takes {accepted}, not {KIND_PHRASE[kind]}{remedy}")
+    raise MeshError(f"{subject} takes {accepted}, not {KIND_PHRASE[kind]}{remedy}")
 
 
 def accepts_arrays(

@@ -65,7 +65,7 @@ def laplace_operator(
     -------
     LaplaceOperator
         `stiffness` L and `mass` M (n, n), so that L x = lambda M x has lambda >= 0; `surface`, the
-        triangulation on which they were assembled; `facts`, what was done to it.
+        triangulation on which they were assembled; `preparation`, counts of its changes (flips, ...).
 
     Raises
     ------

@@ -178,7 +178,7 @@ class _Layout:
         return _Layout(slice(0, 0), nothing, nothing, nothing, nothing, nothing, n)
 
     def _local(self, frontal: NDArray, unknown: NDArray, above: NDArray, pair: NDArray) -> NDArray:
-        """Row of each unknown in its frontal matrix; `pair` for unknowns that are no pivots of the level."""
+        """Row of each unknown in its frontal matrix; `pair` for unknowns that are not pivots of the level."""
         local = unknown - self._first_pivot[frontal]
         up = frontal[above]
         local[above] = self._padded_pivots[up] + pair - self._first_pair[up]

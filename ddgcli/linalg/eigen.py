@@ -124,7 +124,7 @@ def smallest_eigenpairs(
         Symmetric positive definite.
     k : int
     seed : int
-        Of the starting block.
+        Seed of the starting block.
     progress : callable, optional
         Called with (converged pairs, k).
     null_space : NullSpace, optional

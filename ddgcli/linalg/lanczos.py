@@ -42,7 +42,7 @@ class BlockLanczos:
     excluded : (c, n) ndarray
         Orthonormal vectors; the search is in their complement.
     seed : int
-        Of the starting block.
+        Seed of the starting block.
     order : callable, optional
         Ritz values to their order; the search is for the first ones. Default: the largest first.
     min_width : int

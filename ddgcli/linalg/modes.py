@@ -32,7 +32,7 @@ def lowest_eigenpairs(
         Zero for unknowns without mass, which follow the others.
     k : int
     seed : int
-        Of the starting block.
+        Seed of the starting block.
     columns : (n, c) ndarray of float64, optional
         U, zero for unknowns without mass; none by default.
 

@@ -131,7 +131,7 @@ class Assembly:
 
 
 def _numbered(stencils: list[NDArray], n: int) -> tuple[list[NDArray], int]:
-    """Stencils whose internal unknowns are numbered one behind another, and the number of these."""
+    """Stencils whose internal unknowns are numbered one after another, and the number of these."""
     numbered, count = [], 0
     for stencil in stencils:
         numbered.append(np.where(stencil >= n, stencil + count, stencil) if count else stencil)

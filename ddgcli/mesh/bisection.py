@@ -31,7 +31,7 @@ class Bisected:
 
 
 def bisected(mesh: TriangleMesh, marked: NDArray) -> Bisected:
-    """The mesh with the marked faces halved, and as many others as keep it conforming.
+    """Bisect the marked faces, and as many others as necessary to keep the mesh conforming.
 
     Parameters
     ----------
@@ -45,9 +45,9 @@ def bisected(mesh: TriangleMesh, marked: NDArray) -> Bisected:
 
     Notes
     -----
-    A face with any split side has its longest side split; the others hang on the two halves (M. C. Rivara,
-    "Algorithms for refining triangular grids suitable for adaptive and multigrid techniques", 1984). Angles
-    never fall below half of the smallest; right isosceles triangles stay what they are.
+    A face with a split side is first split at its longest side; other split sides divide the halves
+    (M. C. Rivara, "Algorithms for refining triangular grids suitable for adaptive and multigrid techniques",
+    1984). Angles never fall below half of the smallest; right isosceles triangles stay so.
     """
     topology = mesh.topology
     faces, side_edge = topology.faces, topology.side_edge

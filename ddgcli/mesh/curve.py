@@ -18,7 +18,7 @@ from ddgcli.mesh.ragged import list_starts, ranges
 from ddgcli.mesh.triangle_mesh import PointMesh, own_points
 
 PLANARITY_TOLERANCE = 1e-6  # of the curve's size: coordinates in text files have six digits
-# of the normals of parallel planes: those of thin curves are known to 1e-3 or so
+# tolerance for normals of parallel planes: those of thin curves have errors of about 1e-3
 PARALLEL_COSINE = 1.0 - 5e-7
 
 
@@ -109,7 +109,7 @@ class CurveSet(PointMesh):
         Raises
         ------
         MeshError
-            Where three or more segments meet, or two point against each other.
+            Where three or more segments meet, or two meet head to head or tail to tail.
         """
         tail, head = self.lines.T if len(self.lines) else np.zeros((2, 0), dtype=np.int64)
         for ends, what in ((tail, "leave"), (head, "enter")):
@@ -239,7 +239,7 @@ def are_parallel(normals: Sequence[NDArray | None]) -> bool:
     Parameters
     ----------
     normals : sequence of (3,) ndarray or None
-        Of `plane_normals`.
+        As returned by `plane_normals`.
 
     Returns
     -------
@@ -259,7 +259,7 @@ def nearest_axis(normal: NDArray) -> int:
     Returns
     -------
     int
-        The last of the largest components: rounding must not decide between equal ones.
+        Of components that are equal up to rounding, the last.
     """
     size = np.abs(normal)
     return int(np.flatnonzero(size >= (1 - PLANARITY_TOLERANCE) * size.max())[-1])

@@ -77,9 +77,9 @@ def finite_values(
     place : str
         Kind of the elements, for the message.
     parameter : str, optional
-        That names the array.
+        Parameter that holds the array, for messages.
     what : str
-        The array, for messages of parameters with several.
+        Name of the array, for messages about parameters with several arrays.
 
     Returns
     -------
@@ -113,14 +113,14 @@ def checked_values(
     place : str
         Kind of the elements, for messages.
     parameter : str
-        That names the array.
+        Parameter that holds the array, for messages.
     widths : sequence of int, optional
         Lengths that rows may have, 1 for numbers. Default: any.
 
     Returns
     -------
     ndarray of float64
-        Of the shape of the array.
+        Has the shape of `values`.
 
     Raises
     ------
@@ -172,7 +172,7 @@ class TrajectoryFrame:
 def frames_of_equal_change(
     positions: Sequence[NDArray | None], values: Sequence[NDArray | None], count: int
 ) -> list[int]:
-    """Numbers of frames between which a motion changes by equal amounts.
+    """Indices of frames between which a motion changes by equal amounts.
 
     The change of a step is the root mean square of the displacements over the extent, and that of the values
     over their range.
@@ -180,7 +180,7 @@ def frames_of_equal_change(
     Parameters
     ----------
     positions, values : sequence of ndarray or None
-        Of every frame; None where there are none.
+        One entry per frame, None for a frame without positions or values.
     count : int
         How many to choose, at least 2.
 

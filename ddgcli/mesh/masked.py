@@ -1,4 +1,4 @@
-"""Arrays of callers: masks, which numpy drops on conversion, and objects in place of numbers."""
+"""Arrays of callers: masks, which numpy drops on conversion, and arrays of objects."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ddgcli.errors import MeshError
 
 
 def unmasked(values: ArrayLike, what: str) -> NDArray:
-    """Array of values; a masked entry is an error, since the array would have the value behind the mask.
+    """Array of values; a masked entry is an error, since conversion would expose the value under the mask.
 
     Objects that are real numbers become integers or floats.
 
@@ -58,7 +58,7 @@ def indices(values: ArrayLike, what: str) -> NDArray:
     MeshError
     """
     array = unmasked(values, what)
-    # numbers of vertices are far below 2^53, up to which floats hold every whole number
+    # vertex indices are far below 2^53, up to which floats represent every integer
     if array.dtype.kind == "f" and ((np.rint(array) == array) & (np.abs(array) < 2.0**53)).all():
         return array.astype(np.int64)
     return array

@@ -25,7 +25,7 @@ class MidpointSubdivision:
     mesh : TriangleMesh
         The subdivided mesh.
     n_vertices, n_faces : int
-        Of the input.
+        Counts of the input.
     edges : tuple of (e, 2) ndarray of int64
         Edges before each split.
     """

@@ -10,9 +10,9 @@ from ddgcli.mesh.remedies import remedy
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import row_cross, row_dot
 
-# odd numbers without pattern in their bits, one a coordinate: those of the generator splitmix64
+# odd multipliers without a pattern in their bits, one per coordinate, from the generator splitmix64
 HASH_FACTORS = np.array([0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB], dtype=np.uint64)
-MIN_SIGNED_SHARE = 1e-9  # of a sum over that of the sizes of its terms: below, its sign is rounding
+MIN_SIGNED_SHARE = 1e-9  # |sum| over the sum of |terms| below which the sign is rounding
 
 
 def merged_points(points: NDArray) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -100,7 +100,7 @@ def oriented(mesh: TriangleMesh) -> tuple[TriangleMesh, NDArray[np.bool_]]:
     -------
     mesh : TriangleMesh
     turn : (m,) ndarray of bool
-        The reversed faces: of each connected piece the fewer.
+        The reversed faces, at most half of each connected piece.
 
     Raises
     ------
@@ -116,10 +116,10 @@ def oriented(mesh: TriangleMesh) -> tuple[TriangleMesh, NDArray[np.bool_]]:
 
 
 def faces_to_turn(mesh: TriangleMesh) -> NDArray[np.bool_]:
-    """Faces to reverse so that every orientable piece is oriented: in each piece the fewer.
+    """Faces to reverse so that every orientable piece is oriented, at most half of each piece.
 
-    Where they are as many as the others, the sides are those of positive volume, or, of flat pieces, those
-    whose area vector has a positive component along z (else y, else x): they do not depend on indices.
+    If exactly half would be reversed, the orientation is that of positive volume or, for flat pieces, the one
+    whose area vector has a positive component along z (else y, else x), so it does not depend on indices.
 
     Parameters
     ----------

@@ -28,7 +28,7 @@ PLANE_TOLERANCE = 1e-9  # height of a component over its extent
 
 def require(
     mesh: SurfaceMesh,
-    verb: str,
+    subject: str,
     *,
     faces: bool = True,
     sized: bool = True,
@@ -44,7 +44,7 @@ def require(
     Parameters
     ----------
     mesh : TriangleMesh or IntrinsicMesh
-    verb : str
+    subject : str
         Subject of the message, such as the name of a command.
     faces : bool
         At least one triangle.
@@ -59,7 +59,7 @@ def require(
     """
     topology = mesh.topology
     if faces and topology.n_faces == 0:
-        raise MeshError(f"no triangles; {verb} needs a surface")
+        raise MeshError(f"no triangles; {subject} needs a surface")
     if (sized or extent) and topology.n_faces and not _surely_sized(mesh):
         check_size(float(mesh.side_length.max()), in_range=sized)
     if (manifold or manifold_edges) and len(topology.nonmanifold_edges):
@@ -68,13 +68,14 @@ def require(
         a, b = topology.edges[bad[0]]
         raise MeshError(
             f"{counted(len(bad), 'edge has', 'edges have')} more than two faces (first: vertices {a}-{b}); "
-            f"{verb} needs a manifold mesh: {remedy('edge of three faces', topology, oriented=oriented)}"
+            f"{subject} needs a manifold mesh: {remedy('edge of three faces', topology, oriented=oriented)}"
         )
     if manifold and len(topology.nonmanifold_vertices):
         bad = topology.nonmanifold_vertices
         raise MeshError(
             f"{counted(len(bad), 'vertex joins', 'vertices join')} several fans of faces (first: vertex "
-            f"{bad[0]}); {verb} needs a manifold mesh: {remedy('several fans', topology, oriented=oriented)}"
+            f"{bad[0]}); {subject} needs a manifold mesh: "
+            f"{remedy('several fans', topology, oriented=oriented)}"
         )
     bad = topology.misoriented_edges if oriented else topology.edges[:0, 0]
     if one_sided and len(bad):
@@ -83,19 +84,19 @@ def require(
         a, b = topology.edges[bad[0]]
         raise MeshError(
             f"{counted(len(bad), 'edge joins', 'edges join')} faces of opposite orientation (first: vertices "
-            f"{a}-{b}); {verb} needs consistently oriented faces: {_orientation_remedy(mesh, one_sided)}"
+            f"{a}-{b}); {subject} needs consistently oriented faces: {_orientation_remedy(mesh, one_sided)}"
         )
     if closed and not topology.is_closed:
         a, b = topology.edges[topology.boundary_edges[0]]
         loops = counted(topology.boundary_loops, "boundary loop", "boundary loops")
         raise MeshError(
-            f"the surface has {loops} (first edge: vertices {a}-{b}); {verb} needs a closed surface: "
+            f"the surface has {loops} (first edge: vertices {a}-{b}); {subject} needs a closed surface: "
             f"{how_to_close(mesh)}"
         )
 
 
 def how_to_close(mesh: SurfaceMesh) -> str:
-    """How to close a surface with a boundary, for error messages; no repair closes some.
+    """How to close a surface with a boundary, for error messages; some surfaces cannot be closed.
 
     Parameters
     ----------
@@ -147,7 +148,7 @@ def _weld_remedy(mesh: TriangleMesh) -> str:
 
 
 def _n_sides_without_pair(topology: Topology) -> int:
-    """Number of sides at edges of three and more faces that a split leaves open: orientations do not pair."""
+    """Number of sides at edges of three or more faces that a split leaves open (orientations do not pair)."""
     side_edge, sign = topology.side_edge.ravel(), topology.side_sign.ravel()
     balance = np.bincount(side_edge, weights=sign, minlength=topology.n_edges)
     return int(topology.edge_face_count[(balance != 0) & (topology.edge_face_count > 2)].sum())
@@ -163,7 +164,7 @@ def _orientation_remedy(mesh: SurfaceMesh, one_sided: bool = False) -> str:
 
 
 def _surely_sized(mesh: SurfaceMesh) -> bool:
-    """Whether the first faces and the extent show, at little cost, that `check_size` accepts the size."""
+    """Quick sufficient test, from the first faces and the extent, that `check_size` accepts the size."""
     if not isinstance(mesh, TriangleMesh):  # its sides are all that is certain
         return False
     ends = mesh.points[mesh.faces[:SAMPLE_SIZE, :2]]
@@ -221,13 +222,13 @@ def require_sized_solid(mesh: TetMesh) -> None:
     refuse_flat_cells(mesh.flat_tetrahedra, len(mesh.tetrahedra))
 
 
-def require_manifold_body(mesh: TetMesh, verb: str) -> None:
+def require_manifold_body(mesh: TetMesh, subject: str) -> None:
     """Raise an error for tetrahedra without boundary, or that meet where they share no faces.
 
     Parameters
     ----------
     mesh : TetMesh
-    verb : str
+    subject : str
         Subject of the message, such as the name of a command.
 
     Raises
@@ -247,7 +248,7 @@ def require_manifold_body(mesh: TetMesh, verb: str) -> None:
     else:
         return
     raise MeshError(
-        f"bodies of tetrahedra touch along {where} without sharing faces there; {verb} needs a manifold "
+        f"bodies of tetrahedra touch along {where} without sharing faces there; {subject} needs a manifold "
         f"boundary: {remedy('touching bodies')}"
     )
 
@@ -317,7 +318,7 @@ def require_area(mesh: TriangleMesh) -> None:
 
 
 def surely_has_area(mesh: TriangleMesh) -> bool:
-    """Whether one of the first faces shows, at little cost, that the surface has an area.
+    """Quick sufficient test, from the first faces, that the surface has an area.
 
     Parameters
     ----------
@@ -326,7 +327,7 @@ def surely_has_area(mesh: TriangleMesh) -> bool:
     Returns
     -------
     bool
-        False where a closer look is necessary.
+        False if all faces must be tested.
     """
     corners = mesh.points[mesh.faces[:SAMPLE_SIZE]]
     longest = 2.0 * _extent(mesh) or 1.0  # no side is longer

@@ -118,7 +118,7 @@ def kind_of(mesh: TriangleMesh | TetMesh | CurveSet) -> str:
 
 
 def kind_error(
-    mesh: TriangleMesh | TetMesh | CurveSet, kinds: Sequence[str], verb: str = "it", path: str = ""
+    mesh: TriangleMesh | TetMesh | CurveSet, kinds: Sequence[str], subject: str = "it", path: str = ""
 ) -> str | None:
     """Why a command does not take a mesh of this kind, with a remedy.
 
@@ -127,7 +127,7 @@ def kind_error(
     mesh : TriangleMesh, TetMesh or CurveSet
     kinds : sequence of {'surface', 'tetrahedra', 'curve'}
         What the command takes.
-    verb : str
+    subject : str
         Subject of the message, such as the name of a command.
     path : str
         Of the mesh file, for the remedy, if it is not that of the input.
@@ -142,16 +142,16 @@ def kind_error(
         return None
     bounded = kind == "tetrahedra" and "surface" in kinds
     advice = f"; take their boundary, `boundary_mesh{path and f'={path}'}`" if bounded else ""
-    return f"holds {_PHRASE[kind]}; {verb} takes {' or '.join(_PHRASE[k] for k in kinds)}{advice}"
+    return f"holds {_PHRASE[kind]}; {subject} takes {' or '.join(_PHRASE[k] for k in kinds)}{advice}"
 
 
-def unmet_need(mesh: TriangleMesh | TetMesh | CurveSet, verb: str) -> str | None:
+def unmet_need(mesh: TriangleMesh | TetMesh | CurveSet, command: str) -> str | None:
     """First requirement of a command that a mesh does not meet, with a remedy.
 
     Parameters
     ----------
     mesh : TriangleMesh, TetMesh or CurveSet
-    verb : str
+    command : str
         Name of the command, a key of `REQUIREMENTS`.
 
     Returns
@@ -159,7 +159,7 @@ def unmet_need(mesh: TriangleMesh | TetMesh | CurveSet, verb: str) -> str | None
     str or None
         None if the mesh meets all.
     """
-    requirement = REQUIREMENTS[verb]
+    requirement = REQUIREMENTS[command]
     if requirement.instead:
         return requirement.instead
     if message := kind_error(mesh, requirement.kinds):
@@ -170,7 +170,7 @@ def unmet_need(mesh: TriangleMesh | TetMesh | CurveSet, verb: str) -> str | None
             if len(mesh.tetrahedra):  # of which all may lie inside
                 of_boundary["faces"] = False
             require(mesh.boundary, "it", **of_boundary)
-            require_sized_cells(mesh, verb)
+            require_sized_cells(mesh, command)
             if requirement.boundary.get("manifold"):
                 require_manifold_body(mesh, "it")
             return None
@@ -178,26 +178,26 @@ def unmet_need(mesh: TriangleMesh | TetMesh | CurveSet, verb: str) -> str | None
             require(mesh, "it", **requirement.surface)
             if requirement.area:
                 require_area(mesh)
-        require_sized_cells(mesh, verb)
+        require_sized_cells(mesh, command)
     except MeshError as error:
         return str(error)
     return None
 
 
-def require_sized_cells(mesh: TriangleMesh | TetMesh | CurveSet, verb: str) -> None:
+def require_sized_cells(mesh: TriangleMesh | TetMesh | CurveSet, command: str) -> None:
     """Raise an error for faces without area and for flat or inverted tetrahedra, if the command takes none.
 
     Parameters
     ----------
     mesh : TriangleMesh, TetMesh or CurveSet
-    verb : str
+    command : str
         Name of the command, a key of `REQUIREMENTS`.
 
     Raises
     ------
     MeshError
     """
-    requirement = REQUIREMENTS[verb]
+    requirement = REQUIREMENTS[command]
     if isinstance(mesh, TetMesh):
         if requirement.volume:
             require_sized_solid(mesh)

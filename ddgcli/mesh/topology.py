@@ -70,7 +70,7 @@ class Topology(FrozenArrays):
     def side_head(self) -> NDArray[np.int64]:
         """(3m,) vertex at which side 3f+j ends."""
         head = np.empty_like(self.side_tail)
-        # a shift of all, and then one of three: copies of two and one columns take twice as long
+        # shift all, then fix every third: copying two columns and then one takes twice as long
         head[:-1] = self.side_tail[1:]
         head[2::3] = self.side_tail[::3]
         return frozen(head)
@@ -247,7 +247,7 @@ class Topology(FrozenArrays):
         return frozen(first_corner)
 
     def corner_after(self, corner: NDArray) -> NDArray[np.int64]:
-        """Next corner (flat index) about the vertex of each corner; -1 behind the last one at a boundary."""
+        """Next corner (flat index) about the vertex of each corner; -1 after the last one at a boundary."""
         return self.side_twin.ravel().take(corner + PREVIOUS_OFFSET.take(corner % 3))
 
     @cached_property
@@ -340,7 +340,7 @@ class Topology(FrozenArrays):
     def faces_to_turn(self) -> NDArray[np.bool_]:
         """(m,) True at faces to reverse so that every orientable piece is oriented.
 
-        In each piece the fewer faces are turned; none in one-sided pieces.
+        At most half of the faces of each piece; none in one-sided pieces.
         """
         if self.is_oriented:
             return frozen(np.zeros(self.n_faces, dtype=bool))

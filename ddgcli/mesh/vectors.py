@@ -180,10 +180,10 @@ def ratio(a: NDArray | float, b: NDArray) -> NDArray[np.float64]:
     Returns
     -------
     ndarray of float64
-        Of the common shape.
+        Has the broadcast shape of `a` and `b`.
     """
     shape = np.broadcast_shapes(np.shape(a), b.shape)
-    if b.all():  # a division by a mask takes twice as long
+    if b.all():  # a division with a mask takes twice as long
         return np.divide(a, b, out=np.empty(shape))
     return np.divide(a, b, out=np.zeros(shape), where=b != 0)
 

@@ -35,7 +35,7 @@ class FormProducts:
     vertex, edge, triangle, face : dict of str to ndarray
         `face` holds forms on the cells of the mesh, `triangle` those on the faces of tetrahedra.
     accuracy : dict of str to float
-        `leibniz_residual`: d (a ^ b) - da ^ b -+ a ^ db, where a ^ b is no form of the highest degree.
+        `leibniz_residual`: d (a ^ b) - da ^ b -+ a ^ db, where a ^ b is not a form of the highest degree.
         `lie_commutation_residual`: d L_X a - L_X d a.
     """
 

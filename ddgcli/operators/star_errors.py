@@ -76,7 +76,7 @@ def warn_of_star_errors(errors: dict[int, float], star: Star, dimension: int) ->
     Parameters
     ----------
     errors : dict of int to float
-        Of `star_errors`.
+        As returned by `star_errors`.
     star : {'circumcentric', 'barycentric', 'galerkin'}
     dimension : int
     """

@@ -36,7 +36,7 @@ def first_quantity(names: Iterable[str]) -> str | None:
     Returns
     -------
     str or None
-        The vorticity of a flow, else the first array that is no map; None if there is none.
+        The vorticity of a flow, else the first array that is not a map; None if there is none.
     """
     quantities = sorted((n for n in names if n not in MAP_ARRAYS), key=lambda name: name != "vorticity")
     return next(iter(quantities), None)
@@ -197,7 +197,7 @@ def colour_scale(low: float, high: float, signed: bool) -> Any:
     ----------
     low, high : float
     signed : bool
-        Of `colours`.
+        Whether the values are signed, as returned by `colours`.
 
     Returns
     -------

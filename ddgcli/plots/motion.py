@@ -126,7 +126,7 @@ def sequence_style(
         Ends of the colour bar, diverging about zero if zero lies between them; default `robust_limits` over
         all frames.
     signed : bool, optional
-        Of `robust_limits`.
+        As returned by `robust_limits`.
     value_size : float
         `size` of `robust_limits`.
     edges : bool

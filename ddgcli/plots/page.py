@@ -169,7 +169,7 @@ def draw_texts(axes: Any, title: str, caption: str, box: Box = WHOLE_PAGE) -> No
     Parameters
     ----------
     axes : matplotlib.axes.Axes
-        Of `picture_axes`.
+        As returned by `picture_axes`.
     title, caption : str
     box : Box
         As for `picture_axes`.

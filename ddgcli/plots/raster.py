@@ -117,7 +117,7 @@ def fitted_camera(points: NDArray, axes: NDArray, width: int, height: int, margi
     ----------
     points : (k, 3) ndarray
     axes : (3, 3) ndarray
-        Of `view_axes`.
+        As returned by `view_axes`.
     width, height : int
         Pixels.
     margin : float

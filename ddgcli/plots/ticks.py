@@ -61,7 +61,7 @@ class CommonPowerFormatter(ScalarFormatter):
     Parameters
     ----------
     exponent : int
-        Of `common_power`.
+        As returned by `common_power`.
     """
 
     def __init__(self, exponent: int) -> None:

@@ -61,7 +61,7 @@ def page_bytes(
     times : sequence of float
         Of the frames, in seconds; empty where nothing moves.
     show : str, optional
-        Array to begin with; default: the first that is no map, such as `input_vertex`.
+        Array to begin with; default: the first that is not a map, such as `input_vertex`.
     up : {'y', 'z'}, optional
         Default: z with times, else from the shape.
 

@@ -123,7 +123,7 @@ class Scene:
 
     @property
     def only_mesh_path(self) -> str | None:
-        """Mesh file of the one object of the scene that is no obstacle; None where there are several."""
+        """Mesh file of the only object of the scene that is not an obstacle; None where there are several."""
         main_objects = [section for section in self.objects if section.role != "obstacle"]
         return self._file(main_objects[0]) if len(main_objects) == 1 else None
 

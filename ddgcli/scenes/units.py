@@ -58,7 +58,7 @@ def parse_unit(text: str) -> tuple[float, Dimension]:
     Raises
     ------
     ValueError
-        For what is no unit.
+        If the text is not a unit.
     """
     factor, total = 1.0, [0, 0, 0, 0]
     for position, piece in enumerate(text.split("/")):

@@ -96,7 +96,7 @@ def _on_faces(observations: list[Observation]) -> dict[str, np.ndarray]:
 
 
 def _faces(observations: list[Observation]) -> np.ndarray | None:
-    """Faces of all parts over their points one behind the other; None where they do not change."""
+    """Faces of all parts over their points one after another; None where they do not change."""
     faces, first = [], 0
     for observation in observations:
         if observation.faces is None:

@@ -171,7 +171,7 @@ class Model(Generic[State]):
     time_unit : str
         What messages name after a time.
     advice : callable () -> str, optional
-        What may let a run go on whose step failed, where that is no shorter step.
+        What may help after a failed step, where a shorter step does not.
     growth : float
         Of the part of a step that is tried, with each that succeeds after one that failed.
     usual_step : float

@@ -72,7 +72,7 @@ class Snapshot:
     events : tuple of Event
         Since the frame before.
     steps : int
-        Steps really taken so far, the most over the models.
+        Steps taken so far, the maximum over the models.
     smallest_step : float
         Since the start; inf before the first.
     ending : Ending or None
@@ -348,7 +348,7 @@ class _Doubling:
         return 2.0 * self.base
 
     def failed(self) -> float:
-        """Step that was accepted before a trial that was rejected; 0 where the rejected step was no trial."""
+        """Step that was accepted before a rejected trial; 0 where the rejected step was not a trial."""
         base, self.base = self.base, 0.0
         if base:
             self.count, self.interval = 0, 4 * self.interval

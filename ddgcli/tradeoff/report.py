@@ -152,7 +152,7 @@ def text_table(table: Table, problem: Problem, results: dict[str, Any]) -> list[
     table : Table
     problem : Problem
     results : dict
-        Of `results_of`.
+        As returned by `results_of`.
 
     Returns
     -------

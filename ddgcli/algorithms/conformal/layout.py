@@ -56,7 +56,7 @@ def flat_layout(mesh: IntrinsicMesh, cone: NDArray) -> Layout:
     Parameters
     ----------
     mesh : IntrinsicMesh
-        Connected, with gluing and angle sums of a full turn at interior vertices that are no cones.
+        Connected, with gluing and angle sums of a full turn at interior vertices that are not cones.
     cone : (n,) ndarray of bool
 
     Returns

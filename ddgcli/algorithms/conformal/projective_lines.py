@@ -22,7 +22,7 @@ from ddgcli.mesh.sides import next_side, previous_side
 def projective_lines_over(
     base: SurfaceMesh, base_side: NDArray, count: NDArray, length: NDArray
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-    """Positions where geodesics cross the edges of a triangulation; parameters and result as of `lines_over`.
+    """Positions where geodesics cross the edges of a triangulation; arguments and result as for `lines_over`.
 
     Parameters
     ----------

@@ -75,11 +75,11 @@ def conformal_targets(
         A vertex without faces, an angle that is not positive, a scale factor that leaves no length whose
         square is a number, or angle sums that contradict Gauss-Bonnet.
     """
-    verb = "a discrete conformal map"
-    require(mesh, verb, manifold=True, oriented=True, extent=True)
+    subject = "a discrete conformal map"
+    require(mesh, subject, manifold=True, oriented=True, extent=True)
     topology = mesh.topology
     if topology.n_components != 1:
-        raise MeshError(f"{topology.n_components} components; {verb} takes one: {remedy('components')}")
+        raise MeshError(f"{topology.n_components} components; {subject} takes one: {remedy('components')}")
     if boundary not in CONFORMAL_BOUNDARIES:
         raise ParameterError(
             f"{boundary!r} is not one of {', '.join(CONFORMAL_BOUNDARIES)}", parameter="boundary"

@@ -122,7 +122,7 @@ def star_balance(vector: NDArray, conormal: NDArray, link: NDArray, inside: NDAr
     Parameters
     ----------
     vector : (3, n) ndarray of float64
-        Of `vector_of`.
+        As returned by `vector_of`.
     conormal : (n,) ndarray of float64
         Sums of `link_conormal` over the stars.
     link : (n,) ndarray of float64

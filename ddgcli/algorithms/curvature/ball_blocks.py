@@ -100,7 +100,7 @@ def ball_blocks(
     Parameters
     ----------
     tree : cKDTree
-        Of `point_tree`.
+        As returned by `point_tree`.
     radius : float
     most : int, optional
         Number of leaves, evenly chosen, whose blocks are given; default all.

@@ -120,7 +120,7 @@ def further_integrals(surface: UnitSurface, integrals: dict[str, Any]) -> dict[s
     ----------
     surface : UnitSurface
     integrals : dict
-        Of `cheap_integrals`.
+        As returned by `cheap_integrals`.
 
     Returns
     -------

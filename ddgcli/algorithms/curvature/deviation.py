@@ -100,7 +100,7 @@ def vertex_deviation(
     dihedral : (e,) ndarray
         Dihedral angles of the edges in radians, positive where convex.
     steps : (3, n) ndarray of float64, optional
-        To which the coordinates were rounded, as of `precision_steps`.
+        To which the coordinates were rounded, as for `precision_steps`.
 
     Returns
     -------

@@ -84,7 +84,7 @@ class FaceBalls:
     mesh : TriangleMesh
     radius : float
     tree : cKDTree, optional
-        Of `point_tree(mesh.points)`.
+        As returned by `point_tree(mesh.points)`.
 
     Attributes
     ----------

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 EQUAL_SHARE = 1e-5  # of an edge: coordinates that differ by less count as equal
 MULTIPLE_TOLERANCE = 0.01  # of a step, from whole multiples of it
-MAX_VALUE_SHARE = 0.5  # of the vertices: so many different values of a coordinate at most
+MAX_VALUE_SHARE = 0.5  # maximum number of different values of a coordinate, as a share of the vertices
 MAX_STEPS = 1_000_000  # of the extent of a surface
 MAX_STEP = 0.75  # of rounding, in edges
 MAX_PRECISION = 16  # significant bits of rounded numbers: 11 of half precision, 8 of bfloat16

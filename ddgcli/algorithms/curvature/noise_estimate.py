@@ -80,7 +80,7 @@ def estimate_noise(
         'fits': without averaged normals, which cost more; 'auto': with wide balls of them on voxels, which
         may take several times as long as the measurement.
     steps : (3, n) ndarray of float64, optional
-        To which the coordinates were rounded, as of `precision_steps`.
+        To which the coordinates were rounded, as for `precision_steps`.
 
     Returns
     -------
@@ -132,7 +132,7 @@ def radii_of_search(mesh: TriangleMesh, faces: Faces, deviation: Deviation, sche
 
 
 def _settled_scales(balls: _Balls, kind: str, deviation: Deviation) -> Scales | None:
-    """Curvature in balls around a part of the sample; None where the kind is none by it."""
+    """Curvature in balls around a part of the sample; None where it contradicts the kind of noise."""
 
     def scales_of(n_vertices: int, max_radii: int = MAX_SCALES) -> Scales | None:
         few = np.arange(0, len(deviation.sample), max(1, len(deviation.sample) // n_vertices))

@@ -124,7 +124,7 @@ def _has_slivers(faces: Faces) -> bool:
 def _kind_by_creases(deviation: Deviation, share: float) -> str:
     """Kind by residuals of fits and the share of creases that do not cancel.
 
-    'ruled' and 'even' are no kinds of noise yet: the errors in balls decide whether they are 'uneven'.
+    'ruled' and 'even' are not kinds of noise yet: the errors in balls decide whether they are 'uneven'.
     """
     of_noise = min(MAX_CANCELLATION, MAX_CANCELLATION_OF_NOISE / max(deviation.relative, 1e-300))
     if deviation.kind == "partial" and (share <= of_noise or not deviation.doubtful):

@@ -60,7 +60,7 @@ def quadric(
         keeps the rings.
     noisy : bool
         Whether noise is averaged in balls: by quadratic fits, over planes normal to the area vectors of the
-        balls on the side of each vertex, as single normals are far off and stairs are no noise of single
+        balls on the side of each vertex, as single normals are far off and stairs are not noise of single
         vertices.
     jobs : int
         Processes that fit blocks of vertices; the result does not depend on it.

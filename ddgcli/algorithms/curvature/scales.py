@@ -32,7 +32,7 @@ from ddgcli.algorithms.curvature.scale_errors import (
 )
 
 MAX_SCALES = 12
-MAX_GROWTH = 2.0  # of the change of curvature over the least one, behind which wider balls are not tried
+MAX_GROWTH = 2.0  # of the change of curvature over the least one, beyond which wider balls are not tried
 # of the bias from one radius to the next: quadratic fits of smooth surfaces double it, and averaged normals
 # multiply it by 1.3 (rounded boxes) to 1.7 (tori)
 QUADRATIC_BIAS_GROWTH, VOTING_BIAS_GROWTH = 2.0, 1.6

@@ -271,7 +271,7 @@ class ProposedBalls:
     expected_error : float
         Mean error of the mean curvature over its mean size.
     kind : str
-        As of `Noise`.
+        As for `Noise`.
     """
 
     scheme: str
@@ -352,7 +352,7 @@ def _check_radius(mesh: TriangleMesh, radius: float, scheme: str) -> None:
 
 
 def _check_parameters(scheme: str, radius: float | str | None) -> None:
-    """ParameterError for an unknown scheme, or a radius that is no length or not for the scheme."""
+    """ParameterError for an unknown scheme, or a radius that is not a length or not for the scheme."""
     if scheme not in CURVATURE_SCHEMES:
         raise ParameterError(f"{scheme!r} is not one of {', '.join(CURVATURE_SCHEMES)}", parameter="scheme")
     if radius is not None and scheme == "cotan":

@@ -63,7 +63,7 @@ def measure_surface(
     Parameters
     ----------
     mesh, scheme, radius, image, jobs, full, energies
-        Of `measure_curvature`.
+        Arguments of `measure_curvature`.
     regions : sequence of (array, place)
         Labels on faces or vertices; an empty place is inferred from the length, faces first.
     balls : sequence of (centre, radius)

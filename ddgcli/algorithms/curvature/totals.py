@@ -76,7 +76,7 @@ def steiner_polynomial(volumes: list[float | None]) -> list[float | None]:
     Parameters
     ----------
     volumes : list of float or None
-        Of `intrinsic_volumes`.
+        As returned by `intrinsic_volumes`.
 
     Returns
     -------

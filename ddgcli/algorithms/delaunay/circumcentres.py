@@ -47,7 +47,7 @@ def triangle_share(corners: NDArray, point: NDArray) -> NDArray[np.float64]:
 
 
 def pushed_inside(corners: NDArray, point: NDArray) -> NDArray[np.complex128]:
-    """Move points so far into their triangles that no piece of a cut face is flat.
+    """Move points into their triangles, far enough that no piece of a cut face is flat.
 
     Parameters
     ----------

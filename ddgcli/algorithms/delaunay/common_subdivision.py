@@ -241,7 +241,7 @@ def common_subdivision(
     Parameters
     ----------
     flipped : IntrinsicDelaunay
-        Of `flip_to_delaunay(base.mesh, track=True)`.
+        As returned by `flip_to_delaunay(base.mesh, track=True)`.
     base : BaseTriangulation
     place_lines : callable
         Positions of crossings along edges and base sides, as `lines_over` gives them.

@@ -139,7 +139,7 @@ def dual_lines(dual: CircumcentricDual, cut: CommonSubdivision) -> CurveSet:
     Parameters
     ----------
     dual : CircumcentricDual
-        Of `cut.intrinsic`.
+        Dual of `cut.intrinsic`.
     cut : CommonSubdivision
 
     Returns

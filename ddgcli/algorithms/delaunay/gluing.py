@@ -120,7 +120,7 @@ class Gluing:
         Returns
         -------
         (k,) ndarray of int64
-            The new faces (v, j, k); the old ones become (i, v, k) with iv in the place of ij.
+            The new faces (v, j, k); the old ones become (i, v, k) with iv in place of ij.
         """
         _, jk, ki = around(side)
         new = self.n_faces + np.arange(len(side))

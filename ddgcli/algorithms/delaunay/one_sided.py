@@ -40,7 +40,7 @@ def one_sided_subdivision(flipped: IntrinsicDelaunay, mesh: TriangleMesh) -> Com
     Parameters
     ----------
     flipped : IntrinsicDelaunay
-        Of `flip_to_delaunay(mesh, track=True)`.
+        As returned by `flip_to_delaunay(mesh, track=True)`.
     mesh : TriangleMesh
 
     Returns

@@ -97,7 +97,7 @@ def flip_to_delaunay(
     ------
     MeshError
         For a non-manifold edge, faces of opposite orientation where the surface has two sides (with
-        `list_flipped`, also a one-sided surface), or side lengths that are no lengths.
+        `list_flipped`, also a one-sided surface), or side lengths that are not valid lengths.
 
     Notes
     -----
@@ -192,21 +192,21 @@ def _twins(mesh: TriangleMesh | IntrinsicMesh) -> tuple[NDArray[np.int64], NDArr
     return topology.side_twin, is_turned[topology.side_edge]
 
 
-def require_oriented(mesh: TriangleMesh | IntrinsicMesh, verb: str) -> None:
+def require_oriented(mesh: TriangleMesh | IntrinsicMesh, subject: str) -> None:
     """Raise MeshError on a one-sided surface."""
     if mesh.topology.one_sided_face.any():
         raise MeshError(
-            f"the surface is one-sided; {verb} needs two sides: {remedy('one side', mesh.topology)}"
+            f"the surface is one-sided; {subject} needs two sides: {remedy('one side', mesh.topology)}"
         )
 
 
-def require_surface(mesh: TriangleMesh | IntrinsicMesh, verb: str, *, one_sided: bool = False) -> None:
+def require_surface(mesh: TriangleMesh | IntrinsicMesh, subject: str, *, one_sided: bool = False) -> None:
     """Raise an error for a mesh whose faces cannot be glued in pairs.
 
     Parameters
     ----------
     mesh : TriangleMesh or IntrinsicMesh
-    verb : str
+    subject : str
         Subject of the message.
     one_sided : bool
         Whether components without an orientation are accepted.
@@ -216,10 +216,10 @@ def require_surface(mesh: TriangleMesh | IntrinsicMesh, verb: str, *, one_sided:
     MeshError
     """
     refuse_repeated_vertices(mesh)
-    require(mesh, verb, sized=False)
+    require(mesh, subject, sized=False)
     try:
         need = {"sized": False, "manifold_edges": True, "oriented": True, "one_sided": one_sided}
-        require(mesh, verb, **need)
+        require(mesh, subject, **need)
     except MeshError as error:
         raise MeshError(f"{error}; the operator 'tufted' of laplacian supports such meshes") from None
 

@@ -15,7 +15,7 @@ from ddgcli.mesh.ragged import unique_keys
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import vector_length
 
-ROUNDING_TOLERANCE = 1e-9  # relative to the largest distance; smaller excesses are no violations
+ROUNDING_TOLERANCE = 1e-9  # relative to the largest distance; smaller excesses are not violations
 MAX_BRUTE_FORCE_STARTS = 16
 SYMMETRY_SAMPLES = 4  # vertices of `symmetry`; each costs one distance computation
 
@@ -278,7 +278,7 @@ def symmetry(mesh: SurfaceMesh, measure: Callable[[Sources], NDArray], *, seed: 
     measure : callable
         Function from sources to the distances of all vertices.
     seed : int
-        Of the choice of vertices.
+        Seed of the choice of vertices.
 
     Returns
     -------

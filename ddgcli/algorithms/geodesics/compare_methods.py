@@ -28,10 +28,10 @@ def compare(
     mesh : TriangleMesh or IntrinsicMesh
     sources : Sources
     distance : (n,) ndarray of float64
-        To compare.
+        Distance to compare with the other methods.
     methods : list of str
     options : DistanceOptions, optional
-        Of the other methods; their tolerance is set to 0.
+        Options of the other methods; their tolerance is set to 0.
 
     Returns
     -------

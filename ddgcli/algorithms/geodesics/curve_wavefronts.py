@@ -1,4 +1,4 @@
-"""Straight pieces of source curves: the wavefronts that they send out beside those of their vertices."""
+"""Straight pieces of source curves, which emit straight wavefronts besides those of their vertices."""
 
 from __future__ import annotations
 

@@ -389,7 +389,7 @@ def measure_distance(
     )
     thin = "rounding on thin triangles; use `method=exact`"
     is_long = accuracy.get("poisson_residual", 1.0) <= WARNING_RESIDUAL  # thin triangles leave errors in both
-    long = "rounding of the heat after so long a time; give a shorter `heat_time`"
+    long = "rounding of the heat after a long time; give a shorter `heat_time`"
     converged &= within_residuals(accuracy, ("heat_residual",), long if is_long else thin)
     converged &= within_residuals(accuracy, ("poisson_residual",), thin)
     return replace(

@@ -150,7 +150,7 @@ def query_distance(
     regions : bool
         Also find the source nearest to each face, where the same propagation can (`distance.region`).
     seed : int
-        Of the vertices that `query.certify` samples.
+        Seed of the vertices that `query.certify` samples.
     jobs : int
         Processes for `query.each_source`; the result does not depend on it.
     stage_progress : callable, optional

@@ -152,15 +152,15 @@ def subdivided_edge_set(edges: EdgeSet, mesh: TriangleMesh, subdivision: Midpoin
     Parameters
     ----------
     edges : EdgeSet
-        Of `mesh`.
+        Edges of `mesh`.
     mesh : TriangleMesh
     subdivision : MidpointSubdivision
-        Of `mesh`.
+        Subdivision of `mesh`.
 
     Returns
     -------
     EdgeSet
-        Of `subdivision.mesh`.
+        Edges of `subdivision.mesh`.
     """
     pairs, row = subdivision.edge_pieces(mesh.topology.edges[edges.edge])
     pieces = edge_indices(subdivision.mesh.topology.edges, pairs)
@@ -223,7 +223,7 @@ def curve_pairs(mesh: TriangleMesh, points: NDArray, lines: NDArray) -> NDArray[
     ----------
     mesh : TriangleMesh
     points : (p, 3) ndarray of float64
-        Of the curves.
+        Points of the curves.
     lines : (k, 2) ndarray of int64
         Points at the ends of each segment.
 

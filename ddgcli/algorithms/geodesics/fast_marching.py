@@ -5,7 +5,7 @@ at c, the update is not monotone, so the faces beyond the opposite side are unfo
 the sector in which both halves are acute (R. Kimmel, J. Sethian, "Computing geodesic paths on manifolds",
 1998). Vertices are processed in buckets of distance instead of one by one; each bucket runs until nothing in
 it improves. So c may be nearer than a or b, as happens next to a source; on a flat piece the result is then
-still the straight line (demanding that c be farthest costs some percent on the first edges).
+still the straight line (requiring c to be farthest would cost some percent of accuracy on the first edges).
 """
 
 from __future__ import annotations
@@ -45,11 +45,11 @@ class Stencils:
     start, at, apex : ndarrays of int64
         Stencils that use vertex v as a or b: at[start[v] : start[v + 1]], and the c of each of them.
     mean_side : float
-        Of the triangulation, divided by `scale`.
+        Mean side length of the triangulation, divided by `scale`.
     longest : float
         Longest ac, divided by `scale`.
     scale : (n,) ndarray of float64
-        Of each component, on its vertices: lengths are about 1 on all of them.
+        Scale of each component, on its vertices: scaled lengths are about 1.
 
     Notes
     -----
@@ -158,7 +158,7 @@ def _users(corner: NDArray, n_straight: int, n_vertices: int) -> tuple[NDArray[n
     _, place = sorted_keys(vertex, n_vertices, overwrite=True)
     straight = np.flatnonzero(place < n_straight)
     alone = place.take(straight)
-    place += n_straight  # place n + 2k and n + 2k + 1, behind n straight ones: of stencil n + k
+    place += n_straight  # places n + 2k and n + 2k + 1, after n straight ones: of stencil n + k
     place >>= 1
     place[straight] = alone
     return start, place
@@ -397,7 +397,7 @@ def circular_update(
     da, db : (k,) ndarray of float64
         Distances of a and b.
     length : (k,) ndarray of float64
-        Of side ab.
+        Length of side ab.
     x, y : (k,) ndarray of float64
         Position of c in the frame of the side.
 

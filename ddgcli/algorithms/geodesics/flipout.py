@@ -26,7 +26,7 @@ from ddgcli.mesh.topology import PREVIOUS
 _log = logging.getLogger("ddgcli")
 STRAIGHT_ANGLE_TOLERANCE = 1e-10  # radians
 STRAIGHT_ANGLE = pi - STRAIGHT_ANGLE_TOLERANCE  # larger angles are straight
-OFF_PATH = -2  # in place of the next node: this one was replaced
+OFF_PATH = -2  # next node of a node that was replaced
 MAX_STEPS = 1_000_000  # joints and flips of one path, after which it is left as it is
 
 

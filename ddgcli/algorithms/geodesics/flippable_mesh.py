@@ -170,7 +170,7 @@ class FlippableMesh:
         return around, total
 
     def flip(self, h: Halfedge) -> bool:
-        """Flip the edge of h and return True; False if it has not two different faces.
+        """Flip the edge of h and return True; False if it does not have two different faces.
 
         The two triangles must form a convex quadrilateral. The new edge splits the angles at its ends, and
         the angles at the ends of the old edge are merged: the angle sums stay.

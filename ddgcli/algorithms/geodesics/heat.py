@@ -104,7 +104,7 @@ def diffusion_time(mesh: SurfaceMesh, factor: float) -> NDArray[np.float64]:
     bad = np.flatnonzero(~((time > 0) & (time < np.inf)))
     if len(bad):
         raise ParameterError(
-            f"{factor:g} squared mean side lengths ({side[bad[0]]:g}) are no positive and finite time; "
+            f"{factor:g} squared mean side lengths ({side[bad[0]]:g}) are not a positive finite time; "
             "change it",
             parameter="factor",
         )

@@ -51,7 +51,7 @@ def describe_regions(mesh: SurfaceMesh, region: NDArray, n_sources: int) -> list
     ----------
     mesh : TriangleMesh or IntrinsicMesh
     region : (m,) ndarray of int64
-        Of `voronoi_regions`.
+        As returned by `voronoi_regions`.
     n_sources : int
 
     Returns

@@ -105,7 +105,7 @@ def hodge_analysis(
         "reconstruction_residual": split.reconstruction_residual if split else None,
         "harmonic_residual": _harmonic_residual(split, basis) if harmonic_fields else None,
     }
-    # averages from vertices to cells and back belong to the method: their loss is no error of the solution
+    # averaging from vertices to cells and back belongs to the method: its loss is not a solver error
     exact = ("orthogonality", "harmonic_residual") + (
         () if place == "vertex" else ("reconstruction_residual",)
     )
@@ -146,7 +146,7 @@ def array_names(mesh: SpaceMesh, place: str, n_basis_fields: int, *, has_field: 
     ----------
     mesh : TriangleMesh or TetMesh
     place : str
-        Of `check_query`.
+        As returned by `check_query`.
     n_basis_fields : int
     has_field : bool
 

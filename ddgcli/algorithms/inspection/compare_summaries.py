@@ -73,7 +73,7 @@ def flat(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
     ----------
     value : object
     name : str
-        Of `value`.
+        Name of `value`.
 
     Yields
     ------

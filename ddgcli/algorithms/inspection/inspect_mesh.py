@@ -91,8 +91,8 @@ def inspect_mesh(mesh: TriangleMesh | TetMesh | CurveSet, *, self_intersections:
         if self_intersections:
             crossings, face["self_intersecting"] = quality.self_intersections(mesh)
             results = crossings | results
-    accepts = {verb: unmet_need(mesh, verb) for verb in REQUIREMENTS}
-    results["accepts"] = {verb: f"no: {why}" if why else "yes" for verb, why in accepts.items()}
+    accepts = {command: unmet_need(mesh, command) for command in REQUIREMENTS}
+    results["accepts"] = {command: f"no: {why}" if why else "yes" for command, why in accepts.items()}
     return Inspection(results, vertex, face)
 
 

@@ -135,7 +135,7 @@ def _check_stiffness(L: csc_array, M: csc_array, equation: str, times: Evolution
 def _component_means(
     L: csc_array, M: csc_array
 ) -> tuple[Callable[[NDArray], NDArray[np.float64]], NDArray[np.float64]]:
-    """Function of values that spreads their mean on every component over its vertices; its size at each."""
+    """Function that replaces values by their mean on each component; size of the component at each vertex."""
     count, component = _components(L)
     size = np.bincount(component, M @ np.ones(len(component)), count).astype(np.float64, copy=False)
 
@@ -181,7 +181,7 @@ def _wave_frames(
 ) -> Iterator[EvolutionFrame]:
     """Frames of the wave equation; steps of twice the length show the error, which is of second order.
 
-    Where one step is all, two of half its length do.
+    A single step is compared with two steps of half its length.
     """
     dt, ratio = times.duration / times.steps, 2.0 if times.steps > 1 else 0.5
     wave, other = _Midpoint(L, M, start, dt), _Midpoint(L, M, start, ratio * dt)
@@ -219,7 +219,7 @@ class _Midpoint:
         self.u, self.velocity = start, np.zeros_like(start)
 
     def advance(self, step: int) -> None:
-        """Take steps up to a number of them."""
+        """Advance to the given step."""
         for _ in range(step - self.step):
             # the mean velocity w of the step: (M + dt^2 L / 4) w = M v - dt L u / 2
             mean = self.factor.solve(self.M @ self.velocity - 0.5 * self.dt * (self.L @ self.u))
@@ -323,7 +323,7 @@ def solve_evolution(
     times: EvolutionTimes,
     progress: ProgressCallback | None = None,
 ) -> EvolutionResult:
-    """Frames of `evolve_function`, and the quantities that they keep.
+    """Frames of `evolve_function`, and how well they conserve the invariants.
 
     Parameters
     ----------

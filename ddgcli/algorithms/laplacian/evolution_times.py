@@ -11,8 +11,8 @@ from ddgcli.errors import ParameterError, counted
 log = logging.getLogger("ddgcli")
 MAX_STEPS = 1_000_000
 DEFAULT_STEPS, DEFAULT_FRAMES = 100, 50
-# of default steps of a wave: error of its phase in radians at the end, and their largest number; a wave that
-# even those shift by more than a radian is not worth them
+# default steps of a wave: error of the phase at the end in radians, and maximum number of steps; a wave whose
+# phase would err by more than a radian with that many keeps DEFAULT_STEPS
 PHASE_ERROR, MAX_DEFAULT_STEPS = 0.02, 4000
 
 
@@ -85,7 +85,7 @@ class EvolutionTimes:
         return [*range(0, self.steps, self.every), self.steps]
 
     def warn_of_other(self, time_step: float | None, n_frames: int | None) -> None:
-        """Report a step and a number of frames that are others than the options name."""
+        """Warn if the step or the number of frames differs from the option."""
         dt, count = self.duration / self.steps, math.ceil(self.steps / self.every)
         if time_step is not None and abs(dt - time_step) > 1e-6 * time_step:
             log.warning(

@@ -95,7 +95,7 @@ def form_spectrum(
         A surface is an oriented manifold.
     k : int
     seed : int
-        Of the starting block.
+        Seed of the starting block.
     progress : callable, optional
         Called with (converged pairs, k).
 

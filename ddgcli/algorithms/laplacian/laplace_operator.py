@@ -46,7 +46,7 @@ class LaplaceOperator:
         L positive semidefinite and M, so that L x = lambda M x; rows of vertices without faces are empty.
     surface : TriangleMesh or IntrinsicMesh
         The triangulation on which they are assembled; of tetrahedra their boundary.
-    facts : dict
+    preparation : dict
         Counts of the preparation: flips, mollified faces, mollified edges.
     dimension : int
         2 for a surface, 3 for tetrahedra: the mass is in length^dimension.
@@ -57,7 +57,7 @@ class LaplaceOperator:
     stiffness: csr_array
     mass: csr_array
     surface: SurfaceMesh
-    facts: dict[str, Any] = field(default_factory=dict)
+    preparation: dict[str, Any] = field(default_factory=dict)
     dimension: int = 2
 
     __repr__ = short_repr
@@ -125,10 +125,10 @@ def laplace_operator(
         _require_surface(mesh)
     _warn_of_isolated_vertices(mesh.topology.referenced_vertex)
     warn_of_pieces(mesh)
-    surface, share, facts = _triangulation(name, mesh, max_rounds)
+    surface, share, preparation = _triangulation(name, mesh, max_rounds)
     L = uniform_stiffness(mesh) if name == "uniform" else share * stiffness(surface)
     return LaplaceOperator(
-        name, mass, csr_array(L), csr_array(share * MASS_FUNCTIONS[mass](surface)), surface, facts
+        name, mass, csr_array(L), csr_array(share * MASS_FUNCTIONS[mass](surface)), surface, preparation
     )
 
 
@@ -189,8 +189,8 @@ def _triangulation(
             log.warning("%s", mollification)
         return surface, 1.0, _mollification_counts(mollification)
     flipped = flip_to_delaunay(tufted_cover(mesh) if name == "tufted" else mesh, max_rounds=max_rounds)
-    facts = {"flips": flipped.flips} | _mollification_counts(flipped.mollification)
-    return flipped.mesh, 0.5 if name == "tufted" else 1.0, facts
+    preparation = {"flips": flipped.flips} | _mollification_counts(flipped.mollification)
+    return flipped.mesh, 0.5 if name == "tufted" else 1.0, preparation
 
 
 def _mollification_counts(mollification: Mollification) -> dict[str, Any]:

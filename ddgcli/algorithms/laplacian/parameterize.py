@@ -31,7 +31,7 @@ log = logging.getLogger("ddgcli")
 # only the speed of the iteration
 ENERGY_SHIFT = 1e-7
 MAX_ITERATIONS = 500
-MIN_MOMENT = 1e-6  # relative size of a moment of second order that is none of rounding
+MIN_MOMENT = 1e-6  # relative size above which a second moment is not rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +89,7 @@ def parameterize_harmonic(mesh: TriangleMesh, operator: LaplaceOperator) -> Para
     Raises
     ------
     MeshError
-        When the surface is no disk with holes.
+        When the surface is not a disk, perhaps with holes.
 
     References
     ----------
@@ -132,7 +132,7 @@ def parameterize_conformal(mesh: TriangleMesh, operator: LaplaceOperator) -> Par
     Raises
     ------
     MeshError
-        When the surface is no disk with holes.
+        When the surface is not a disk, perhaps with holes.
 
     References
     ----------
@@ -152,13 +152,13 @@ def parameterize_conformal(mesh: TriangleMesh, operator: LaplaceOperator) -> Par
     return _with_quality(mesh, operator.surface, uv, residual, converged)
 
 
-def boundary_loops(mesh: TriangleMesh, verb: str) -> list[NDArray[np.int64]]:
+def boundary_loops(mesh: TriangleMesh, subject: str) -> list[NDArray[np.int64]]:
     """Boundary loops of a disk with holes, longest first.
 
     Parameters
     ----------
     mesh : TriangleMesh
-    verb : str
+    subject : str
         Subject of the message.
 
     Returns
@@ -171,14 +171,14 @@ def boundary_loops(mesh: TriangleMesh, verb: str) -> list[NDArray[np.int64]]:
     MeshError
         When the surface is not oriented, not connected, closed, or has handles.
     """
-    require(mesh, verb, manifold=True, oriented=True)
+    require(mesh, subject, manifold=True, oriented=True)
     topology = mesh.topology
     if topology.n_components != 1:
-        raise MeshError(f"{topology.n_components} components; {verb} takes one: {remedy('components')}")
+        raise MeshError(f"{topology.n_components} components; {subject} takes one: {remedy('components')}")
     if topology.is_closed:
-        raise MeshError(f"the surface is closed; {verb} needs a boundary: {remedy('no boundary')}")
+        raise MeshError(f"the surface is closed; {subject} needs a boundary: {remedy('no boundary')}")
     if topology.genus:
-        raise MeshError(f"{topology.genus} handles; {verb} takes a surface without: {remedy('handles')}")
+        raise MeshError(f"{topology.genus} handles; {subject} takes a surface without: {remedy('handles')}")
     loops = boundary_vertex_loops(topology)
     if len(loops) > 1:
         log.warning("the surface has %d boundary loops; the longest bounds the map", len(loops))

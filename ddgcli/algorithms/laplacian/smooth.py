@@ -168,7 +168,7 @@ def smooth(
 
 
 def _most_excess(reducible: list[float], left: float) -> float:
-    """Most energy that steps can have left over, where every one of them approached a steady state.
+    """Bound of the energy that steps left over, if every step approached a steady state.
 
     `reducible`: energy above the harmonic surface of the same boundary, before and after every step. Where
     there is no steady state, as between two rings too far apart, a surface comes near one and then leaves it.
@@ -261,14 +261,14 @@ class _Stepper:
         return bool((thin & ~self.fixed).any())
 
     def energy(self, mesh: TriangleMesh) -> float:
-        """What the flow lowers: the area, or the Dirichlet energy of the positions."""
+        """Energy whose gradient flow this is: the area, or the Dirichlet energy of the positions."""
         if self.stiffness is None:
             return float(face_area(mesh.side_length).sum())
         points = mesh.points - self.centre
         return 0.5 * float(np.sum(points * (self.stiffness @ points)))
 
     def _matrices(self, mesh: TriangleMesh) -> tuple[csr_array, csr_array]:
-        """L and M/dt, kept for the last mesh."""
+        """L and M/dt, cached for the last mesh."""
         if self.system is None or self.system[0] is not mesh:
             self.system = (mesh, *self._assembled(mesh))
         return self.system[1:]

@@ -38,8 +38,10 @@ RESIDUALS = (
     "angle_sum_residual", "layout_residual",
 )  # fmt: skip
 
-MAX_COLLAPSED_SHARE = 0.01  # of the vertices; a surface with more on lines or points is none any more
-MAX_TIME_ERROR = 0.1  # of the area at the end, of steps that are long for the flow
+MAX_COLLAPSED_SHARE = (
+    0.01  # of the vertices; with more of them on lines or points the surface has degenerated
+)
+MAX_TIME_ERROR = 0.1  # relative to the area at the end, above which steps are too long for the flow
 
 
 def solve_laplacian_tasks(
@@ -77,7 +79,7 @@ def solve_laplacian_tasks(
         "unknowns": L.shape[0],
         "nonzeros": int(L.nnz),
         **_size(mesh, operator, vertex_size),
-        **operator.facts,
+        **operator.preparation,
     }
     row_sum = np.abs(L @ np.ones(L.shape[0])).max()
     result.accuracy = {
@@ -111,7 +113,7 @@ def solve_laplacian_tasks(
 def _size(mesh: TriangleMesh | TetMesh, operator: LaplaceOperator, vertex_size: NDArray) -> dict[str, float]:
     if isinstance(mesh, TetMesh):
         return {"volume": float(np.abs(mesh.signed_volume).sum())}
-    if operator.name != "tufted" and "mollified_faces" not in operator.facts:
+    if operator.name != "tufted" and "mollified_faces" not in operator.preparation:
         return {"area": float(vertex_size.sum())}
     # from positions: mollified side lengths of caps without height have more
     return {"area": float(vector_length(face_area_vector(mesh)).sum())}

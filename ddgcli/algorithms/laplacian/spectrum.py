@@ -57,7 +57,7 @@ def spectrum(
     operator : LaplaceOperator
     k : int
     seed : int
-        Of the starting block.
+        Seed of the starting block.
     progress : callable, optional
         Called with (converged pairs, k).
 
@@ -111,7 +111,7 @@ def signature_pairs(operator: LaplaceOperator, times: Sequence[float]) -> int:
     Returns
     -------
     int
-        As of `pairs_for_times`.
+        As for `pairs_for_times`.
     """
     measure, n_vertices = float(operator.mass.sum()), len(operator.referenced_vertices)
     return pairs_for_times(measure, operator.dimension, times, n_vertices)
@@ -120,9 +120,9 @@ def signature_pairs(operator: LaplaceOperator, times: Sequence[float]) -> int:
 def heat_kernel_signature(
     operator: LaplaceOperator, pairs: Eigenpairs, times: NDArray
 ) -> HeatKernelSignature:
-    """Heat that remains at each vertex after each time from a unit source there, by eigenpairs.
+    """Heat kernel signature from eigenpairs: heat that remains at each vertex after a unit impulse there.
 
-    The constants of the components, of which there can be more than pairs, are known without them.
+    The constant eigenfunctions of the components are known exactly; there can be more of them than pairs.
 
     Parameters
     ----------

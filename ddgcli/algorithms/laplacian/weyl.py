@@ -8,7 +8,7 @@ from collections.abc import Sequence
 __all__ = ["pairs_for_times"]
 
 MAX_SIGNATURE_PAIRS, SIGNATURE_TAIL = 300, 1e-6
-LARGEST_EIGENVALUE = 1e200  # whose powers are numbers
+LARGEST_EIGENVALUE = 1e200  # its powers do not overflow
 
 
 def pairs_for_times(measure: float, dimension: int, times: Sequence[float], n_vertices: int) -> int:

@@ -78,7 +78,7 @@ def pairs_of_sides(mesh: TriangleMesh, of_bodies: bool) -> NDArray[np.int64]:
     step[last] += 2 * np.pi
     certain = (sign[after] == -sign) & (step > LEAST_ANGLE)  # NaN where a face lacks an area
     is_pair = np.repeat(np.logical_and.reduceat(certain, first), count)
-    # normals point out of a body, which is behind a face that runs against the edge
+    # normals point out of a body, which lies on the inner side of a face that runs against the edge
     is_pair &= sign < 0 if of_bodies else sign > 0
     return np.column_stack([side[is_pair], side[after[is_pair]]])
 

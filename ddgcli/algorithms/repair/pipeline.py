@@ -40,7 +40,7 @@ class RepairSteps:
         of coordinates explains).
     largest, split_fans, orient, split_folds : bool
     fill_holes : int, optional
-        Fill boundary loops of at most so many edges.
+        Fill boundary loops of at most this many edges.
     cut_to_disk : bool
     drop_unused : bool
     """

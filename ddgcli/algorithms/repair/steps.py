@@ -191,7 +191,7 @@ def separated(
 ) -> RepairedMesh:
     """The mesh with one vertex for each set of corners that meet across joined edges.
 
-    The first set of a vertex keeps its index; the others follow behind all vertices.
+    The first set of a vertex keeps its index; the others follow after all vertices.
 
     Parameters
     ----------
@@ -301,7 +301,7 @@ def _cut_graph(mesh: TriangleMesh) -> NDArray[np.bool_]:
     # a spanning tree of the faces that crosses edges of the paths' forest last, so never
     last = np.argsort(_shortest_forest(mesh)[edge], kind="stable")
     rank = np.empty(len(edge))
-    rank[last] = 1.0 + np.arange(len(edge))  # positive: zero is no edge of a sparse graph
+    rank[last] = 1.0 + np.arange(len(edge))  # positive: a zero entry is not an edge of a sparse graph
     graph = _lightest_edges(side // 3, twin // 3, rank, mesh.n_faces)
     crossed = np.isin(rank, minimum_spanning_tree(graph).data)
     cut = np.zeros(topology.n_edges, dtype=bool)

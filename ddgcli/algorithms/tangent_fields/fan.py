@@ -155,7 +155,7 @@ def geodesic_fan(
         First the rays ("fan ray"), counter-clockwise; then the circles ("geodesic circle"): polygons
         through the points of equal length on all rays, open where rays have ended; then the caustics
         ("caustic"): polylines through the first points at which neighbouring rays cross. The array
-        `caustic` is 1 on points of rays and circles behind the caustic, where the wavefront runs
+        `caustic` is 1 on points of rays and circles beyond the caustic, where the wavefront runs
         backwards, and on caustics; 0 elsewhere; the array `level` is the length from the source.
 
     Raises
@@ -277,7 +277,7 @@ def describe_fan(fan: Curves) -> dict[str, Any]:
     Parameters
     ----------
     fan : Curves
-        Of `geodesic_fan`.
+        As returned by `geodesic_fan`.
 
     Returns
     -------

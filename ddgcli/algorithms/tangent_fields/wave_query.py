@@ -104,7 +104,7 @@ def query_waves(
     method, options
         Of the distance matrix; 'heat' also selects the signed heat method.
     signed_curves : EdgeSet, optional
-        Of `query.signed_distance`.
+        Curves of `query.signed_distance`.
     region : (m,) ndarray of int64, optional
         Source nearest to each face, where the distance has it.
     stage_progress : callable

@@ -343,7 +343,7 @@ def _plot_frames(
 
 
 def _array_name(source: Trajectory, settings: dict[str, Any]) -> str | None:
-    """Array that colours the pictures; by default vorticity or the first scalar that is no map."""
+    """Array that colours the pictures; by default vorticity or the first scalar that is not a map."""
     arrays = source.vertex(0)
     if settings["array"] in (None, "none"):
         from ddgcli.plots.colour import first_quantity

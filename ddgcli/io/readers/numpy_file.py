@@ -13,7 +13,7 @@ from ddgcli.io.readers.inflate import check_zip
 
 
 def npz_arrays(data: bytes) -> tuple[dict[str, NDArray], list[str]]:
-    """Arrays of a .npz by name, and the names of members that are none.
+    """Arrays of a .npz by name, and the names of members that are not arrays.
 
     Parameters
     ----------

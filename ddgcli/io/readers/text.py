@@ -29,7 +29,7 @@ def numbers(text: bytes) -> NDArray[np.float64]:
     Raises
     ------
     ValueError
-        Something in the text is no number.
+        Something in the text is not a number.
     """
     if not text.strip():
         return np.zeros(0)
@@ -305,7 +305,7 @@ def ragged(flat: NDArray, n: int, what: str, extra: int = 0) -> tuple[NDArray, N
     what : str
         Name of a list in the error, such as `face`.
     extra : int
-        Values behind the members of each list; they are skipped.
+        Number of values after the members of each list, which are skipped.
 
     Returns
     -------
@@ -317,7 +317,7 @@ def ragged(flat: NDArray, n: int, what: str, extra: int = 0) -> tuple[NDArray, N
     Raises
     ------
     MeshFileError
-        A length that is no whole number, or that leads beyond the end.
+        A length that is not an integer, or that leads beyond the end.
     """
     if n == 0:
         return flat[:0], np.zeros(0, dtype=np.int64), 0

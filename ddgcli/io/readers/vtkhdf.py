@@ -81,7 +81,7 @@ def _read(root) -> RawMesh:
 
 
 def _numbers(group, name: str, kinds: str) -> Any:
-    """The array of a name, whose type must be one of `kinds`: fractions are no indices."""
+    """The array of a name, whose type must be one of `kinds`: fractions are not indices."""
     dataset = group[name]
     if dataset.dtype.kind not in kinds:
         raise MeshFileError(

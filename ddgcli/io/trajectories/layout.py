@@ -32,7 +32,7 @@ EFFECT_DTYPE = np.dtype([("name", "S48"), ("calls", "i8"), ("seconds", "f8")])
 LARGEST_ROOM = 1 << 40  # bytes of holes in a file; beyond, the file is laid out again as it grows
 NSTEPS_MARK = 0x5E7_0F_57E95_C0DE  # replaced in place once the file is laid out
 STATUS_MARK = "@status@@@@"
-EMPTY = ".empty"  # behind the name of an array without rows, whose dataset has one
+EMPTY = ".empty"  # suffix of the name of an array without rows, whose dataset has one
 
 
 def checkpoint_name(name: str, array: NDArray) -> str:
@@ -57,7 +57,7 @@ def checkpoint_array(dataset_name: str, values: NDArray) -> tuple[str, NDArray]:
     Parameters
     ----------
     dataset_name : str
-        Of `checkpoint_name`.
+        As returned by `checkpoint_name`.
     values : ndarray
 
     Returns
@@ -146,7 +146,7 @@ class RowCount:
     faces: int = 0
 
     def plus(self, trajectory_frame: TrajectoryFrame, header: Header, count: int = 1) -> RowCount:
-        """With so many frames more like one; a negative number takes them away."""
+        """Row counts with `count` more frames like this one; a negative `count` subtracts them."""
         return RowCount(
             self.n_frames + count,
             self.vertices + count * vertices_of(trajectory_frame, header),

@@ -20,7 +20,7 @@ MAX_METADATA_BYTES = 1 << 20  # bound of the check, which reads texts and shapes
 
 
 def check_trajectory(path: str) -> None:
-    """Raise an error for a file that is no trajectory, is damaged, or refers to other files.
+    """Raise an error for a file that is not a trajectory, is damaged, or refers to other files.
 
     Parameters
     ----------

@@ -4,7 +4,7 @@ HDF5 changes many places of a file when a dataset grows, and a process killed be
 file that nothing opens. Here every dataset gets its final room at once (contiguous, allocated early: a hole
 in the file until it is used), the HDF5 library closes the file, and from then on a new row is
 
-1. bytes written behind the rows that readers can see,
+1. bytes are written after the rows that readers can see,
 2. one short write that moves the row count (the dataset's extent and storage size, neighbours in its header).
 
 Headers are of format version 1 (`libver="earliest"`), which carries no checksum. No HDF5 handle stays open,

@@ -202,7 +202,7 @@ class Trajectory:
         return slot
 
     def checkpoint(self) -> dict[str, NDArray]:
-        """State behind the last whole frame."""
+        """State after the last whole frame."""
         rows = self._slot().items()
         return dict(checkpoint_array(name, values[...]) for name, values in rows if name != "frame")
 

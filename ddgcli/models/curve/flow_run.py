@@ -1,4 +1,4 @@
-"""Run of a curve flow: what the time loop needs before it, and the results behind it."""
+"""Run of a curve flow: what the time loop needs before it, and the results after it."""
 
 from __future__ import annotations
 

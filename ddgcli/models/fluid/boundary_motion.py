@@ -15,7 +15,9 @@ from ddgcli.models.fluid.effect_parts import BoundaryPart
 from ddgcli.scenes.expressions import evaluate
 
 N_SAMPLES = 8  # times within a run, besides its ends, at which its boundary is checked before it starts
-SAMPLE_SHARE = 0.5 * (5.0**0.5 - 1.0)  # multiples modulo 1 are no phase of a wave for long
+SAMPLE_SHARE = 0.5 * (
+    5.0**0.5 - 1.0
+)  # golden ratio: its multiples modulo 1 never stay near one phase of a wave
 DERIVATIVE_SHARE = 1e-4  # of the run, over which a rate of change is a difference
 CACHE_SIZE = 8  # times: a step needs seven
 

@@ -85,9 +85,9 @@ class BoundaryInTime:
     Parameters
     ----------
     wall_circulation : InTime
-        As of `BoundaryConditions`, at a time.
+        As for `BoundaryConditions`, at a time.
     boundary_values : InTime, or None
-        As of `BoundaryConditions`; None where the stream function on the boundary does not depend on time.
+        As for `BoundaryConditions`; None where the stream function on the boundary does not depend on time.
     """
 
     wall_circulation: InTime

@@ -175,7 +175,7 @@ def fourth_order_step(
     Parameters
     ----------
     slope : callable (n,), (b,), float -> rates
-        Time derivatives of a flow, as of `rate`, at a time after the start of the step.
+        Time derivatives of a flow, as for `rate`, at a time after the start of the step.
     vorticity : (n,) ndarray of float64
         Integrated over the cells.
     coefficients : (b,) ndarray of float64

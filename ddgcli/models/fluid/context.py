@@ -107,7 +107,7 @@ class FluidContext:
         Parameters
         ----------
         source : str or list
-            Of `face_vectors`.
+            Argument of `face_vectors`.
         ends : (s, 2) ndarray of int64
             Tail and head of every side.
         shares : (g, 2) ndarray of float64

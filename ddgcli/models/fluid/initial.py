@@ -28,9 +28,11 @@ from ddgcli.simulation.effects import Effect
 
 log = logging.getLogger("ddgcli")
 NAMED_FLOWS: dict[str, NamedFlow | VolumeFlow] = {**FLOWS, **VOLUME_FLOWS}
-ROUNDING_SHARE = 1e-24  # of the energy: a gradient leaves such a vorticity, which is none
+ROUNDING_SHARE = 1e-24  # of the energy: vorticity below it is the rounding of a gradient
 MAX_LOST_ENERGY_SHARE = 0.01  # share of the energy of an initial velocity that no discrete flow holds
-REST_SPEED_SHARE = 1e-9  # root mean square speed over the strength, up to which a flow by name is none
+REST_SPEED_SHARE = (
+    1e-9  # root mean square speed over the strength, up to which a named flow counts as at rest
+)
 BALANCE_TOLERANCE = 1e-10  # total vorticity over the total of its terms that counts as zero
 
 

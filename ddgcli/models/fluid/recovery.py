@@ -32,7 +32,9 @@ MAX_BOUNDARY_GAIN = 8.0  # of a velocity at the boundary
 MAX_SHARED_EDGES = 64  # of a fit that vertices at the boundary share: each has a row of its edges
 SINGULAR_SHIFT = 1e-12  # relative, keeps fits to edges along few directions solvable
 BLOCK_EDGES = 1 << 15  # of fits at once, about what a cache holds
-NEIGHBOUR_PASSES = 2  # from vertices with a fit to their neighbours without one, and to those behind these
+NEIGHBOUR_PASSES = (
+    2  # from vertices with a fit to their neighbours without one, and to their neighbours in turn
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +139,7 @@ def _rows(mask: NDArray[np.bool_]) -> dia_array:
 
 
 def _moderate(mesh: SurfaceMesh, matrix: csr_array, most: float) -> NDArray[np.bool_]:
-    """(n,) rows that amplify the velocities along the edges at most so many times, and are not empty."""
+    """(n,) rows that are not empty and amplify the velocities along the edges at most by the limit."""
     gain = abs(matrix) @ mesh.side_length.ravel()
     return (gain > 0) & (gain <= most)
 

@@ -49,7 +49,7 @@ def clamped_sides(context: ShellContext) -> ClampedSides:
 
 
 def _directions(mesh: TriangleMesh, side: NDArray, axes: NDArray) -> NDArray[np.float64]:
-    """(c, 3) directions across the sides whose pins hold `axes` (3,); ValueError where there is none."""
+    """(c, 3) directions across sides whose pins hold `axes` (3,); ValueError for a side that has none."""
     x, corner = np.asarray(mesh.points), side_corners(mesh.topology)[side]
     inward = inward_directions(x, corner)
     u = unit_vectors(x[corner[:, 1]] - x[corner[:, 0]])

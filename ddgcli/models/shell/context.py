@@ -89,7 +89,7 @@ class ShellContext:
         return np.where(referenced, mass, mass[referenced].mean())
 
     def selection(self, vertices: list[int] | None, box: Any, key: Key) -> NDArray[np.int64]:
-        """Vertices by index, or inside a box of two opposite corners; a refusal where there are none."""
+        """Vertices by index, or inside a box of two opposite corners; an error where there are none."""
         n = self.mesh.n_vertices if self.input_vertex is None else int(self.input_vertex.max()) + 1
         if (vertices is None) == (box is None):
             self.scene.refuse(key, f"{key[-1]}: give either vertices = [...] or box = [[x, y, z], [x, y, z]]")

@@ -1,4 +1,4 @@
-"""What may let equilibria be found where a step fails: its length is no time."""
+"""Advice after a failed load step of an equilibrium, where a shorter time step has no meaning."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def load_advice(system: System, parameters: Any, meshes: Sequence[TriangleMesh])
     ----------
     system : System
     parameters
-        Of `static`.
+        Parameters of the integrator `static`.
     meshes : sequence of TriangleMesh
 
     Returns

@@ -20,13 +20,13 @@ Order = Sequence[
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """Shells of one system, their vertices one behind the other.
+    """Shells of one system, their vertices one after another.
 
     Parameters
     ----------
     shells : dict of str to ShellContext
     places : tuple of int
-        Of the shells among all shells of the scene.
+        Indices of the shells among all shells of the scene.
     """
 
     shells: dict[str, ShellContext]
@@ -111,7 +111,7 @@ def terms_between(scene: Scene, group: Group) -> list[Any]:
 
 
 def points_at_end(outcome: Outcome, systems: Iterable[str], order: Order) -> dict[str, NDArray]:
-    """Vertices of each system in the last frame, which has those of all shells one behind the other.
+    """Vertices of each system in the last frame, which has those of all shells one after another.
 
     Parameters
     ----------

@@ -10,7 +10,7 @@ This is the Hellan-Herrmann-Johnson shell of lowest order (M. Neunteufel, J. Sch
 Hellan-Herrmann-Johnson method for nonlinear shells", 2019) with the moments eliminated in every face; on flat
 plates it is Morley's triangle, which converges on any mesh of bounded angles. The energy is quadratic in the
 rotations a and in the angles, with matrices of the rest shape: the rotations follow from the positions by one
-solve with a constant matrix. They have no inertia, as in the theory of thin shells, and are no part of the
+solve with a constant matrix. They have no inertia, as in the theory of thin shells, and are not part of the
 state.
 """
 

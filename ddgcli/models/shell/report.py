@@ -76,7 +76,7 @@ def summary(
     systems : dict of str to System
     order : Order
     static : bool
-        Adds the stability of the equilibrium, and has no drifts: its frames are no motion that conserves
+        Adds the stability of the equilibrium, and has no drifts: its frames are not a motion that conserves
         anything.
 
     Returns

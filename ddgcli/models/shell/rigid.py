@@ -52,7 +52,7 @@ def build(parameters: Rigid, context: ShellContext) -> list[RigidEdges]:
 
 
 def _selected_edges(parameters: Rigid, context: ShellContext) -> NDArray[np.int64]:
-    """(e, 2) edges; ValueError for pairs that are none, and where there is none."""
+    """(e, 2) edges; ValueError for pairs that are not edges, and for an empty list."""
     edges = np.asarray(context.mesh.topology.edges)
     if parameters.edges is not None:
         if parameters.vertices is not None or parameters.box is not None:

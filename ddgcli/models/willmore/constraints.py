@@ -85,7 +85,7 @@ def volume_inside(mesh: TriangleMesh, caps: NDArray | None = None) -> float:
     ----------
     mesh : TriangleMesh
     caps : (k, 3) ndarray of int64, optional
-        Of `cap_faces`.
+        As returned by `cap_faces`.
 
     Returns
     -------

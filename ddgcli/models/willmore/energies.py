@@ -42,7 +42,7 @@ class EnergyDefinition:
     keeps_triangles : bool
         Flips and slides of vertices change it little, so that a flow may take them.
     of_surface : bool
-        It approximates a function of the surface; else its gradient along the surface is no error.
+        It approximates a function of the surface; else its gradient along the surface is not an error.
     converges : bool
         On fine meshes it is that function however the edges lie.
     """

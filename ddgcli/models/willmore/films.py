@@ -129,7 +129,7 @@ def film_constraints(
         if constraints.volume is not None
         else (enclosed_volume(unit) if film and options.fix_area else 1.0)
     )
-    size = 1.0 if component is None else areas(unit, component) ** 1.5  # small components are no flat ones
+    size = 1.0 if component is None else areas(unit, component) ** 1.5  # small components are not flat ones
     if np.min(np.abs(inside) / size) < MIN_VOLUME:
         raise MeshError(
             "the surface encloses no volume that could be kept or raised; leave "

@@ -242,7 +242,7 @@ def _keeps_topology(topology: Topology, edges: _Edges, fixed: NDArray) -> NDArra
 
 
 def _independent(topology: Topology, quad: NDArray) -> NDArray[np.int64]:
-    """Rows, best first, of edges whose ends are no neighbours of the ends of a better one."""
+    """Rows, best first, of edges whose ends are not neighbours of the ends of a better edge."""
     count = len(quad)
     rank = np.arange(count)
     claim = np.full(topology.n_vertices, count)

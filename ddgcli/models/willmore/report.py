@@ -308,7 +308,7 @@ def warn_of_surfaces(
     start_energy : float
         Of the first surface.
     unfilled : TriangleMesh, optional
-        The first one without patches, whose creases along the loops are no noise.
+        The first one without patches, whose creases along the loops are not noise.
     """
     if options.flow != "mean-curvature":
         from ddgcli.models.willmore.vertex_noise import warn_of_noise

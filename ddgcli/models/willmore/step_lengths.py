@@ -16,7 +16,7 @@ def first_step(kind: str, area: float, of_area: bool) -> float:
     kind : {'descent', 'newton', 'conformal'}
         Lengths of the last two are a trust region's radius, and a share of the curvature.
     area : float
-        Of the surface at the start.
+        Size of the surface at the start.
     of_area : bool
         The energy is an area or a volume.
 
@@ -35,7 +35,7 @@ def longest_step(area: float, of_area: bool) -> float:
     Parameters
     ----------
     area : float
-        Of the surface at the start.
+        Size of the surface at the start.
     of_area : bool
         The energy is an area or a volume.
 

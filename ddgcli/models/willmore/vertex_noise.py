@@ -14,7 +14,7 @@ from ddgcli.operators.laplacian import lumped_vertex_area, stiffness
 
 NOISE_ROUNDING = 1e-12  # mean edge lengths, up to which noise is that of the arithmetic
 SHARE_WARNING = 0.2  # of the energy at the start, from which a warning is due
-# of the estimate, which noise adds at least: where there is less, it is no noise. The estimate is that of
+# of the estimate, which noise adds at least: where there is less, it is not noise. The estimate is that of
 # `cotan`, but for its own error; other energies have down to 0.3 of it
 LEAST_ENERGY_SHARE = {"cotan": 0.7}
 LEAST_OTHER_SHARE = 0.3

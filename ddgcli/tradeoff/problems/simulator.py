@@ -115,7 +115,7 @@ def truth_models(others: Mapping[str, tuple[str, ...]], own_models: Sequence[str
     Parameters
     ----------
     others : mapping of str to tuple of str
-        Of `other_models`.
+        As returned by `other_models`.
     own_models : sequence of str
         As `effect=model`.
 

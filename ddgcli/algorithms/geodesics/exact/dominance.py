@@ -23,7 +23,7 @@ def dominate(
     lines : (c, k) ndarray of float64
         Windows: b0, b1, source, ...
     where : (2 or 3, k) ndarray of int64
-        Side of each window, the vertex that is its origin, and perhaps the number of faces that it has
+        Side of each window, its origin vertex, and optionally the number of faces that it has
         crossed.
     shape : ndarray of float64
         `SideTables.shape`.

@@ -214,7 +214,7 @@ def _propagate(
     near = None
     if tolerance > 0 and np.isinf(limit):
         near = NearestVertices.measure(wavefront, most_windows)
-        if near.slack_pays(tolerance, _reachable(mesh, wavefront)):
+        if near.slack_saves_time(tolerance, _reachable(mesh, wavefront)):
             wavefront, window_targets = start(slack=tolerance)
     wavefront.run(limit, most_windows, progress)
     if len(sources.edge):
@@ -276,7 +276,7 @@ def _result(
 
 
 def _beyond_bends(departure: NDArray, origin_vertex: NDArray) -> NDArray[np.float64]:
-    """Departure angles; behind a bend, the angle of the path to the bend."""
+    """Departure angles; beyond a bend, the angle of the path to the bend."""
     while True:
         open_ = (np.isnan(departure) & (origin_vertex >= 0)).nonzero()[0]
         origin_departure = departure[origin_vertex[open_]]

@@ -39,7 +39,7 @@ def start_wavefront(
     tables : WindowTables
     dominance_every : int
     directions : bool
-        As of `exact_distance`.
+        As for `exact_distance`.
     slack : float
         The tolerance, in side lengths.
     max_crossings : int

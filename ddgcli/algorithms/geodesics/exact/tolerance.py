@@ -40,7 +40,7 @@ class NearestVertices:
     final : int
         Number of the final ones.
     density, growth : float
-        Windows a vertex in the outer three quarters, launches included; the power of the number of final
+        Windows per vertex in the outer three quarters, launches included; the power of the number of final
         vertices with which that grows.
     windows, rounds : int
         Work done.
@@ -92,7 +92,7 @@ class NearestVertices:
         middle, power = 0.625 * near, self.growth + 1.0
         return float(self.density * middle / power * ((n / middle) ** power - (near / middle) ** power))
 
-    def slack_pays(self, slack: float, reachable: int) -> bool:
+    def slack_saves_time(self, slack: float, reachable: int) -> bool:
         """True if a new run with slack is cheaper than continuing the exact run to `reachable` vertices."""
         n, near = float(reachable), float(self.final)
         if not 0 < near < n:

@@ -54,7 +54,7 @@ class Wavefront:
     targets : WindowTargets, optional
         Points in faces whose distances are also computed.
     directions : bool
-        Compute the angle at which lines to vertices leave their sources (`departure`; nan behind bends).
+        Compute the angle at which lines to vertices leave their sources (`departure`; nan beyond bends).
     max_crossings : int
         Drop windows that have crossed more faces since their origin; 0: no bound, and bundles are used.
     max_rounds : float
