@@ -19,12 +19,12 @@ from scipy.sparse import bsr_matrix, csr_matrix
 
 __all__ = ["aggregation_cycle"]
 
-SMOOTHING = 4.0 / 3.0  # of prolongations, over the largest eigenvalue of D^-1 A
+SMOOTHING = 4.0 / 3.0  # damping of the prolongation smoother, over the largest eigenvalue of D^-1 A
 LANCZOS_STEPS = 12  # for that eigenvalue
 MAX_COARSE = 80  # nodes that are solved densely
 MAX_LEVELS = 12
 MAX_TRANSPOSE = 1 << 28  # bytes of a prolongation whose transpose is stored; it saves a tenth of a cycle
-PIECE_ENTRIES = 1 << 24  # numbers of a matrix whose coarse matrix is computed at a time
+PIECE_ENTRIES = 1 << 24  # entries of a matrix whose coarse matrix is computed at a time
 
 
 def aggregation_cycle(matrix: Any, modes: NDArray) -> Callable[[NDArray], NDArray]:
@@ -90,7 +90,7 @@ def _prolongation(a: bsr_matrix, modes: NDArray) -> tuple[bsr_matrix, NDArray]:
     groups, _ = standard_aggregation(csr_matrix((unread, a.indices, a.indptr), shape=(nodes, nodes)))
     pieces, modes = fit_candidates(csr_matrix(groups), modes)
     smooth = bsr_matrix(a @ pieces)
-    inverse = np.linalg.pinv(_diagonal(a), hermitian=True)  # groups of few nodes lack some modes
+    inverse = np.linalg.pinv(_diagonal(a), hermitian=True)  # aggregates of few nodes lack some modes
     weight = -SMOOTHING / _largest_eigenvalue(a, inverse)
     counts = np.diff(smooth.indptr)
     group = np.full(nodes, -1, dtype=smooth.indices.dtype)  # of a node; isolated ones have none
@@ -115,7 +115,7 @@ def _coarse(a: bsr_matrix, p: bsr_matrix) -> bsr_matrix:
 
 
 def _row_pieces(a: bsr_matrix) -> Iterator[slice]:
-    """Rows of blocks with PIECE_ENTRIES numbers together."""
+    """Blocks of rows with about PIECE_ENTRIES entries each."""
     nodes = len(a.indptr) - 1
     count = max(1, -(-a.data.size // PIECE_ENTRIES))
     ends = np.linspace(0, nodes, count + 1).astype(int)

@@ -32,7 +32,7 @@ log = logging.getLogger("ddgcli")
 # bytes of a factor: at most this times n^(4/3) in meshes of tetrahedra, less on surfaces
 MAX_FACTOR_BYTES = 250.0
 MIN_CHECKED_UNKNOWNS = 20_000  # smaller factors fit
-MATRIX_BYTES = 24.0  # of an entry of a matrix while it is assembled: value, row, place, sums
+MATRIX_BYTES = 24.0  # per entry of a matrix while it is assembled: value, row, position, sums
 # unknowns below which importing the CHOLMOD wheel costs more than it saves
 MIN_CHOLMOD_UNKNOWNS = 3000
 # entries below which dissection costs more than minimum degree (8,600 vertices of a mesh, 350 of a shell)
@@ -71,7 +71,7 @@ class Analysis:
 
     @cached_property
     def entries(self) -> float:
-        """Numbers that a multifrontal factorisation stores at its peak; an upper bound for other backends."""
+        """Peak number of entries that a multifrontal factorisation stores; a bound for other backends."""
         groups = [
             (*group.pivot.shape, group.update.shape[1]) for level in self.levels for group in level.groups
         ]
@@ -104,7 +104,7 @@ def choose_solver(
     *,
     entries: float | None = None,
 ) -> tuple[str, Analysis | None]:
-    """Name of the solver for a matrix, and its symbolic analysis if the estimate of memory needed one.
+    """Name of the solver for a matrix, and its symbolic analysis if the memory estimate required one.
 
     Parameters
     ----------

@@ -26,7 +26,7 @@ COLUMNS_PER_SOLVE = 4  # right-hand sides that CHOLMOD's sparse solve treats tog
 # Unknowns and entries of a row up to which factors by single columns cost no more than those by blocks (a
 # sixth more in complex numbers); their solves take 0.5 to 0.7 of the time.
 MAX_COLUMNWISE_UNKNOWNS, MAX_COLUMNWISE_ENTRIES = 12_000, 9
-DIAGONAL, PERMUTATION = 6, 7  # systems that `solve` names by numbers
+DIAGONAL, PERMUTATION = 6, 7  # codes of the systems that `solve` can solve
 NUMBERS = {"d": np.float64, "z": np.complex128}
 BY_COLUMNS, BY_BLOCKS = 0, 2  # CHOLMOD's option `supernodal`
 

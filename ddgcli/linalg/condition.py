@@ -12,7 +12,7 @@ from ddgcli.linalg.indices import compact
 
 DENSE_SIZE = 200  # unknowns of a component up to which all its eigenvalues are computed
 BATCH_ENTRIES = 4_000_000  # entries of the dense blocks that are held at a time
-LANCZOS_STEPS = 10  # restarts for the largest eigenvalue before it is sought by inversion
+LANCZOS_STEPS = 10  # restarts for the largest eigenvalue before it is computed by inversion
 
 
 def condition_number(matrix: sparray) -> float | None:

@@ -1,4 +1,4 @@
-"""Conjugate gradients for one Newton move: a nearby matrix, factorised or solved, is the preconditioner."""
+"""Conjugate gradients for one Newton step, preconditioned by the factors of a nearby matrix."""
 
 from __future__ import annotations
 

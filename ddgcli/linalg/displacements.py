@@ -28,7 +28,9 @@ __all__ = ["BlockIterative", "RigidMotions"]
 
 REDUCTION = 1e-6  # of the error of a solution, in the norm of the preconditioner
 MAX_ITERATIONS = 3000
-LOCAL_DISTANCE = 10.0  # mean difference of neighbours' numbers, in roots of n, up to which caches hold them
+LOCAL_DISTANCE = (
+    10.0  # mean difference of neighbours' indices, in units of sqrt(n), up to which caches hold them
+)
 
 
 @dataclass(frozen=True, eq=False)

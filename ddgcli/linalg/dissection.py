@@ -23,7 +23,7 @@ N_LANDMARKS = 5
 N_SMOOTHING_STEPS = 3
 LEAF_SIZE = 32  # vertices of a part that is not divided
 MIN_COMPONENT_SIZE = 2000  # smaller components are dissected as one graph
-MIN_CONDENSED_ROW = 12  # entries a row from which unknowns with the same neighbours are merged
+MIN_CONDENSED_ROW = 12  # entries per row from which unknowns with the same neighbours are merged
 # vertices that determine direction and median, of each part and of all parts
 SAMPLE_SIZE, TOTAL_SAMPLE_SIZE = 128, 4096
 N_SQUARINGS = 4  # of a covariance, for its longest direction

@@ -18,7 +18,7 @@ TOLERANCE = 1e-7  # of a further vector's change, relative to the solution
 FLOOR = 1e-12  # relative to the start, below which a change is rounding
 INVARIANT = 1e-12  # share of a new vector that rounding explains: the space holds the solution
 MAX_VECTORS = 150
-NO_CHANGE = 1e-3  # of the shortest time of the mesh: a pole that needs not be shorter
+NO_CHANGE = 1e-3  # of the shortest time of the mesh: a shorter pole has no effect
 MAX_STIFFNESS = 1e13  # of a pole: above it M + time L is singular to rounding
 
 
@@ -77,7 +77,7 @@ class HeatSemigroup:
         return values, change
 
     def _build(self, start: NDArray, first: float, last: float) -> None:
-        """Add vectors pole by pole, from short times to long ones, until a further one changes nothing."""
+        """Add vectors pole by pole, from short times to long ones, until a further vector has no effect."""
         count = max(1, math.ceil(math.log(last / first) / math.log(TIME_RATIO) - 1e-9))
         ends = np.geomspace(first, last, count + 1)
         times = np.append(first * 2.0 ** np.arange(math.log2(last / first)), last)

@@ -77,7 +77,7 @@ class Factor:
             like = None
         if definite and not (self.matrix.diagonal().real > 0).all():
             definite = self._reject_definite(NotPositiveDefinite("a diagonal entry is not positive"))
-        # numbers in the factors, where an analysis counted them
+        # entries of the factors, if the analysis counted them
         self._entries: float | None = like._entries if like else None
         name, analysis = choose_solver(solver, self.matrix, definite, entries=self._entries)
         if analysis:

@@ -71,7 +71,7 @@ def require_multigrid(name: str) -> None:
 
 
 class Iterative:
-    """Conjugate gradients behind the interface of a factorisation; for definite matrices.
+    """Conjugate gradients with the interface of a factorisation, for definite matrices.
 
     Parameters
     ----------

@@ -95,7 +95,7 @@ def parse(text: str, variables: tuple[str, ...] = ("x", "y", "z")) -> ast.expr:
         raise ValueError(f"cannot read the expression '{excerpt(text)}': it may not hold a comment")
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # Python's opinion of the spelling, such as "1or 2"
+            warnings.simplefilter("ignore")  # Python's syntax warnings, such as for "1or 2"
             tree = ast.parse(text.strip().replace("^", "**"), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         hint = _unit_hint(text, variables)

@@ -51,7 +51,7 @@ def filled(values: dict[str, Any]) -> dict[str, Any]:
 
 
 def usable_stiffness(value: float, name: str, unit: str, keys: str) -> float:
-    """A stiffness that numbers can represent.
+    """Check that a stiffness is within the floating-point range.
 
     Parameters
     ----------

@@ -44,7 +44,7 @@ def obstacle_meshes(
 
 
 def _shape(section: Any, bodies: NDArray, read: Callable[[str], Any]) -> TriangleMesh:
-    """The obstacle's surface in the coordinates in which it is written."""
+    """The obstacle's surface in its own coordinates, before scaling, rotation and translation."""
     if getattr(section, "plane", None) is not None:
         return _square(np.array(section.plane.point), np.array(section.plane.normal), bodies)
     if getattr(section, "sphere", None) is not None:
@@ -61,7 +61,7 @@ def _shape(section: Any, bodies: NDArray, read: Callable[[str], Any]) -> Triangl
 
 
 def _placed(section: Any, mesh: TriangleMesh) -> TriangleMesh:
-    """The mesh scaled, turned and moved by the keys of its object."""
+    """The mesh scaled, rotated and translated by the keys of its object."""
     points = np.asarray(mesh.points) * (getattr(section, "scale", None) or 1.0)
     rotation = getattr(section, "rotation", None)
     if rotation is not None:

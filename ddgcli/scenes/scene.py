@@ -128,7 +128,7 @@ class Scene:
         return self._file(main_objects[0]) if len(main_objects) == 1 else None
 
     def find(self, name: str, key: Key, roles: tuple[str, ...] = ()) -> Any:
-        """The object of that name, or a refusal at `key`."""
+        """The object of that name; SceneError at `key` if there is none."""
         names = [o.name for o in self.objects if not roles or o.role in roles]
         if name not in names:
             expected = f"{' or '.join(roles)} " if roles else ""
@@ -143,7 +143,7 @@ class Scene:
         return any(effect.name in names for effect, _, _ in self.effects)
 
     def schedule(self) -> Schedule:
-        """When to step and when to show."""
+        """Schedule of steps and frames."""
         time = self.time
         if time.integrator == "static":
             steps = getattr(time, "load_steps", 1)
@@ -247,7 +247,7 @@ def _with_models(document: Document, kind: SceneKind, models: Sequence[str]) -> 
 
 
 def _check_clock(scene: Scene, overridden: set[str]) -> None:
-    """Refuse runs without end; warn where the clock does not meet the times that the scene names."""
+    """Refuse runs with too many steps; warn if steps and frames do not hit the times that the scene names."""
     time = scene.time
 
     def refuse(key: str, value: str, reason: str) -> NoReturn:

@@ -23,14 +23,14 @@ class SceneModel(Protocol):
     meshes: dict[str, Any]
     sha256: dict[str, str]
     moving: bool
-    splits: bool  # vertices, so that the frames have meshes of their own
+    splits: bool  # whether vertices may split, so that each frame has a mesh of its own
 
     def assembled(self, schedule: Schedule) -> dict[str, Any]:
-        """Facts that a dry run prints."""
+        """Properties of the models that a dry run prints."""
         ...
 
     def cost_facts(self) -> dict[str, Any]:
-        """Facts of the scene that decide its cost."""
+        """Properties of the scene that determine its cost."""
         ...
 
     def linear_solver(self) -> str | None:

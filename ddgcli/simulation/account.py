@@ -14,7 +14,7 @@ class Account:
     Attributes
     ----------
     check : callable, optional
-        Called before each timer starts; a trial raises there where its time is over.
+        Called before each timer starts; a trial run raises an exception there when its time is over.
     """
 
     check: Callable[[], None] | None = None

@@ -27,7 +27,7 @@ class Effect:
     cost : str
         Cost of a step, in one line.
     roles : tuple of str
-        Roles of the objects that it acts on; a scene without such an object is refused.
+        Roles of the objects that it acts on; a scene without such an object is an error.
     repeatable : bool
         Whether `[[effects.NAME]]` may occur several times.
     acts_on_all : bool
@@ -67,13 +67,13 @@ class EffectTable:
         return iter(self.entries)
 
     def load(self, name: str) -> Effect:
-        """Import the effect's module and hand over its `EFFECT`; SceneError names the nearest effect."""
+        """Import the effect's module and return its `EFFECT`; SceneError names the nearest effect."""
         if name not in self.entries:
             raise SceneError(self.unknown(name))
         return importlib.import_module(self.entries[name][0]).EFFECT
 
     def unknown(self, name: str) -> str:
-        """The sentence for an effect that is not in the table."""
+        """Message for an effect that is not in the table."""
         hint = nearest(name, list(self.entries))
         return f"no effect {name!r}{hint}; {self.command} has {', '.join(self.entries)}"
 

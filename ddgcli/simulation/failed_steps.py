@@ -16,7 +16,7 @@ N_PARTS_OBSERVED = 64  # of a step, after which their number is extrapolated to 
 
 
 def step_advice(active: ActiveModel, rejected: StepRejected, dt: float, solvable: float) -> str:
-    """What may let a run go on whose step failed; shorter steps alone do not make numbers finite.
+    """Advice for continuing after a failed step; shorter steps alone do not make numbers finite.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def _fraction_of_step(dt: float, at_most: float) -> float:
 
 
 def check_rejected(active: ActiveModel, step: int, time: float, dt: float) -> None:
-    """End a run with too many failed attempts.
+    """End a run after too many failed attempts.
 
     Parameters
     ----------

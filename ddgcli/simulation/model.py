@@ -20,12 +20,12 @@ Arrays = dict[str, NDArray]
 
 
 MAX_STEP_COUNT = 1e9  # of a run
-MAX_HALVINGS = 12  # a step is halved at most so often: dt / 4096
+MAX_HALVINGS = 12  # of one step: down to dt / 4096
 STEP_GROWTH = 1.1  # see `Model.growth`
 
 
 class Cause(StrEnum):
-    """Causes of failed steps that decide what follows; all others are texts alone."""
+    """Causes of failed steps that the loop handles specially; other causes are strings."""
 
     NOT_FINITE = "not finite"
     STABILITY_LIMIT = "stability limit"  # `value` is the step times the largest rate, 1 or more
@@ -108,7 +108,7 @@ def rejections(kinds: Iterable[str]) -> int:
 
 
 class RunFailed(SolveError):
-    """A step failed for good; `events` are those since the last snapshot."""
+    """A step failed, also with shorter steps; `events` are those since the last snapshot."""
 
     def __init__(self, message: str, events: tuple[Event, ...]) -> None:
         super().__init__(message)
@@ -204,7 +204,7 @@ class Model(Generic[State]):
 
 @dataclass(frozen=True)
 class Schedule:
-    """When to step and when to show.
+    """Times of steps and frames.
 
     Parameters
     ----------
@@ -305,7 +305,7 @@ def flow_schedule(options: Mapping[str, Any], own_step: float, *, max_steps: int
 
 
 def warn_of_other_frames(every: float | None, schedule: Schedule, end: float, unit: str = "") -> None:
-    """Report frames that come at other times than the option `frame_every` names.
+    """Warn if frames are at other times than the option `frame_every` sets.
 
     Parameters
     ----------

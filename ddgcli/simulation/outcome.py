@@ -1,4 +1,4 @@
-"""Outcome of a simulation: what its summary and its picture are made from."""
+"""Outcome of a simulation: the data of its summary and its picture."""
 
 from __future__ import annotations
 

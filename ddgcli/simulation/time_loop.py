@@ -201,7 +201,7 @@ def _snapshot(
 
 
 def _advance_to(active: ActiveModel, schedule: Schedule, first: int, last: int, events: list[Event]) -> int:
-    """Advance one model from step `first` to step `last`; the step that it reached."""
+    """Advance one model from step `first` to step `last`; return the step that it reached."""
     if active.ending is not None:
         return last
     if schedule.tolerance is not None:
@@ -280,7 +280,7 @@ def _unstable(active: ActiveModel, n_parts: float, step: str) -> SolveError:
 def _logged(
     active: ActiveModel, rejected: StepRejected, step: int, time: float, dt: float, events: list[Event]
 ) -> str:
-    """Adds a step that failed to the events; its description."""
+    """Add a failed step to the events; return its description."""
     detail = f"{active.name}: step of {dt:.3g} {active.model.time_unit} rejected: {rejected}"
     events.append(Event(step, time, rejected.cause, rejected.place, rejected.value, detail))
     return detail
@@ -329,7 +329,7 @@ def _two_halves(
 
 
 class _Doubling:
-    """Tries a step of twice the length now and then, and again at once where it succeeds.
+    """Tries a step of twice the length from time to time, and again immediately after a success.
 
     An error that does not fall with the step, as that of interpolation, would otherwise keep steps as short
     as they once had to be: just below the tolerance, it lets them grow by a thousandth.
@@ -397,7 +397,9 @@ def _advance_adaptively(
             active.next_dt = doubling.failed() or dt / 4
             continue
         growth = 0.9 * (tolerance / error) ** (1 / (model.order + 1))
-        if growth < 1 and dt < shortest:  # an accepted step, too: the next ones would be shorter without end
+        if (
+            growth < 1 and dt < shortest
+        ):  # also after an accepted step, since the next ones would get shorter and shorter
             raise SolveError(
                 f"t = {time:.6g} {active.model.time_unit}, {active.name}: the error of a step stays at "
                 f"{error:.2g} however short the step; give a step instead of the tolerance {tolerance:g}"

@@ -1,4 +1,4 @@
-"""Round surfaces whose faces are so large that polynomial fits over two rings see much of the whole."""
+"""Round surfaces whose faces are so large that fits over two rings cover much of the surface."""
 
 from __future__ import annotations
 

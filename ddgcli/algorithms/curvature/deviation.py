@@ -1,4 +1,4 @@
-"""Deviation of the vertices of a surface from smooth surfaces: its size, and what it looks like.
+"""Deviation of the vertices of a surface from smooth surfaces: its size and its kind.
 
 Residuals of fits over two rings show the deviation, of whatever kind. Noise leaves fits of degree three and
 four with equal residuals, details do not; stairs, rounded coordinates and spikes are recognised first.

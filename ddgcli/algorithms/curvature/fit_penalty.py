@@ -1,4 +1,4 @@
-"""What fits of several degrees leave of the heights: their residuals, and the penalty that predicts best."""
+"""Residuals of fits of several degrees to heights, and the penalty that predicts the heights best."""
 
 from __future__ import annotations
 

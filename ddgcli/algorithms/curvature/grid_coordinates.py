@@ -91,14 +91,14 @@ def precision_steps(points: NDArray) -> NDArray[np.float64] | None:
 
 
 def _significant_bits(values: NDArray) -> NDArray[np.int64]:
-    """Bits of each mantissa without the zeros at its end; 0 of a zero."""
+    """Significant bits of each mantissa, without trailing zeros; 0 for zero."""
     mantissa = np.ldexp(np.frexp(values)[0], DOUBLE_BITS).astype(np.int64)
-    last = np.frexp((mantissa & -mantissa).astype(np.float64))[1]  # 1 + the place of the last bit that is set
+    last = np.frexp((mantissa & -mantissa).astype(np.float64))[1]  # 1 + the position of the lowest set bit
     return np.where(mantissa != 0, DOUBLE_BITS + 1 - last, 0)
 
 
 def _distinct(ordered: NDArray, edge: float) -> NDArray[np.float64]:
-    """Of equal ones among ascending values the first."""
+    """Ascending values without repetition: of values that are equal up to the tolerance, the first."""
     return ordered[np.concatenate([[True], np.diff(ordered) > EQUAL_SHARE * edge])]
 
 

@@ -1,4 +1,4 @@
-"""Bias of quadratic fits in balls that changes with the radius do not show.
+"""Bias of quadratic fits in balls that a comparison of radii does not reveal.
 
 Where the smallest balls hold whole features, wider ones err alike: the curvature changes less than it errs.
 Two things show more of the error. The height of a circle grows faster than the square of the distance: fits

@@ -18,7 +18,9 @@ from ddgcli.mesh.topology import NEXT, PREVIOUS, Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import cross, dot, ratio
 
-BALANCE_DIRECTION = np.array([0.48, 0.6, 0.64])  # of the balance of each star; the sums of three cost thrice
+BALANCE_DIRECTION = np.array(
+    [0.48, 0.6, 0.64]
+)  # of the balance of each star; the sums of three directions cost three times as much
 
 
 def angle_defect(mesh: SurfaceMesh) -> NDArray[np.float64]:
@@ -113,7 +115,7 @@ def _surely_closed(faces: Faces) -> bool:
 
 
 def gauss_bonnet_total(mesh: SurfaceMesh) -> float:
-    """Sum that the angle defects have on any complex: 2 pi chi, plus pi for each surplus boundary corner.
+    """Sum of the angle defects of any complex: 2 pi chi, plus pi for each surplus boundary corner.
 
     Parameters
     ----------
@@ -251,7 +253,7 @@ def curvature_vector(mesh: TriangleMesh) -> NDArray[np.float64]:
 
 
 def vector_of(faces: Faces, topology: Topology) -> NDArray[np.float64]:
-    """Integrated mean curvature vectors by columns, as `curvature_vector` has them.
+    """Integrated mean curvature vectors as columns; see `curvature_vector`.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Whether deviations of the vertices are noise: what residuals, creases and curvature in balls look like.
+"""Whether deviations of the vertices are noise, judged by residuals, creases and curvature in balls.
 
 Creases of both signs, coordinates on grids, and curvature that settles with the radius in the same way all
 over the surface distinguish noise and stairs from details and creases.
