@@ -36,6 +36,17 @@ def test_pressure_of_a_rigid_turn_balances_the_centrifugal_and_the_coriolis_forc
     assert relative(out.observations[0].vertex["pressure"], exact) < 0.01
 
 
+@pytest.mark.parametrize("kind", ["hodge", "bochner", "deformation"])
+def test_viscosity_of_closed_surfaces_has_no_part_in_the_pressure(kind):
+    """The curl of the vorticity is orthogonal to every gradient where there is no boundary."""
+    flow = 'initial = { vorticity = "z + 3*x*y" }\npressure = {}\n'
+    viscous = f'viscosity = {{ nu = 3, kind = "{kind}" }}'
+    plain, slowed = (run_fluid(flow + more, STILL, mesh=shapes.icosphere(2)) for more in ("", viscous))
+    assert slowed.fluid.setting.viscosity == 3 and slowed.fluid.setting.wall_friction == 0
+    pressure, expected = (run.observations[0].vertex["pressure"] for run in (slowed, plain))
+    assert relative(pressure, expected) < 1e-12
+
+
 COUETTE = """
 initial = { velocity = ["-y*(1/(x^2 + y^2) - 1)", "x*(1/(x^2 + y^2) - 1)", 0] }
 harmonic = {}

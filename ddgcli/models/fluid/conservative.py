@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -21,7 +20,7 @@ from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT
 from ddgcli.models.fluid.loss_account import LossAccount
 from ddgcli.models.fluid.midpoint import PICARD_TOLERANCE, implicit_midpoint
-from ddgcli.models.fluid.phases import FlowPhase, FlowRate, FluidSetting, Step
+from ddgcli.models.fluid.phases import BoundaryVorticity, FlowPhase, FlowRate, FluidSetting, Step
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.models.fluid.surface_space import SurfaceFlow, SurfaceSpace
 from ddgcli.simulation.model import Cause, Observation, StepRejected
@@ -32,7 +31,6 @@ BALANCE_LIMIT = 2.0  # the same of a step whose rate of change at the start is a
 
 
 # vorticity at the `rim` vertices by stream function, coefficients and time, where the flow determines it
-BoundaryVorticity = Callable[[NDArray, NDArray, float], NDArray[np.float64]]
 Rates = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
 
 
@@ -324,13 +322,10 @@ class ConservativeTransport(FlowPhase):
         self.account = LossAccount(setting, ("enstrophy",), enstrophy=self._enstrophy) if books_loss else None
         setting.transport_takes_coriolis = True
 
-    @cached_property
+    @property
     def at_walls(self) -> BoundaryVorticity | None:
         """Vorticity that walls have by friction; None without viscosity or walls."""
-        if not len(self.space.rim):
-            return None
-        schemes = (getattr(phase, "scheme", None) for phase in self.setting.phases)
-        return next((at for s in schemes if (at := getattr(s, "boundary_vorticity", None))), None)
+        return self.setting.boundary_vorticity if len(self.space.rim) else None
 
     def start(self) -> dict[str, NDArray]:
         return {} if self.account is None else self.account.start()

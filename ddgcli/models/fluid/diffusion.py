@@ -25,7 +25,7 @@ from ddgcli.linalg.eigen import smallest_eigenpairs
 from ddgcli.linalg.factor import Factor
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.models.fluid.boundary_motion import InTime
-from ddgcli.models.fluid.phases import FlowPhase, Step
+from ddgcli.models.fluid.phases import FlowPhase, FluidSetting, Step
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.models.fluid.surface_space import SurfaceSpace
 from ddgcli.operators.dec import d0
@@ -280,8 +280,11 @@ class Diffusion(FlowPhase):
 
     effect = "viscosity"
 
-    def __init__(self, scheme: VorticityDiffusion | VelocityDiffusion, forces: Any = None) -> None:
+    def __init__(
+        self, setting: FluidSetting, scheme: VorticityDiffusion | VelocityDiffusion, forces: Any = None
+    ) -> None:
         self.scheme, self.forces = scheme, forces
+        setting.boundary_vorticity = scheme.boundary_vorticity
 
     def observed(self, state: FluidState) -> Observation:
         if self.forces is None:

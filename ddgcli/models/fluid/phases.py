@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 
 FlowRate = tuple[NDArray[np.float64], NDArray[np.float64]]  # of vorticity (n,) and harmonic coefficients (b,)
+# (k,) vorticity of the cells of the space's `rim` vertices by stream function, coefficients and time
+BoundaryVorticity = Callable[[NDArray, NDArray, float], NDArray[np.float64]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,6 +154,10 @@ class FluidSetting:
         Vorticity of a frame that turns [1/s].
     transport_takes_coriolis : bool
         Whether the integrator's rate of change holds the Coriolis force, so that its effect has no step.
+    viscosity : float
+        That of the effect `viscosity` [m^2/s]; 0 without it.
+    boundary_vorticity : BoundaryVorticity, optional
+        Vorticity that a surface with viscosity has at its boundary.
     needs_time : bool
         Whether states hold their time.
     """
@@ -167,15 +173,14 @@ class FluidSetting:
     phases: list[Phase] = field(default_factory=list)
     coriolis: NDArray[np.float64] | float = 0.0
     transport_takes_coriolis: bool = False
+    viscosity: float = 0.0
+    boundary_vorticity: BoundaryVorticity | None = None
     needs_time: bool = False
 
     @property
     def wall_friction(self) -> float:
         """Viscosity of a fluid that has walls without slip [m^2/s], else 0."""
-        if not self.no_slip:
-            return 0.0
-        schemes = (getattr(phase, "scheme", phase) for phase in self.phases)
-        return max((getattr(scheme, "nu", 0.0) for scheme in schemes), default=0.0)
+        return self.viscosity if self.no_slip else 0.0
 
     @property
     def volume(self) -> VolumeSpace:

@@ -93,10 +93,9 @@ class SurfacePressure(PressurePhase):
         self.chains = self._outflow_chains()
 
     @cached_property
-    def walls(self) -> WallVorticity | None:
-        """Vorticity along walls with friction; None without them."""
-        setting = self.setting
-        return WallVorticity(self.space, setting.context, setting.slip) if setting.no_slip else None
+    def walls(self) -> WallVorticity:
+        """Vorticity along walls with friction."""
+        return WallVorticity(self.space, self.setting.context, self.setting.slip)
 
     def _outflow_chains(self) -> list[NDArray[np.int64]]:
         """Indices of the boundary sides of every natural outflow, one after another."""
@@ -119,12 +118,11 @@ class SurfacePressure(PressurePhase):
         omega = state["vorticity"] * space.inverse_mass
         side_flux = space.flow(state).side_flux
         velocity = space.face_velocity(side_flux)
-        coriolis = sum(getattr(phase, "parameter", 0.0) for phase in self.setting.phases)
-        push = -1j * (omega + coriolis)[space.faces].mean(axis=1) * velocity
-        nu = sum(getattr(getattr(phase, "scheme", None), "nu", 0.0) for phase in self.setting.phases)
-        if nu and self.walls is not None:  # grad omega acts through the vorticity of the boundary alone
+        push = -1j * (omega + self.setting.coriolis)[space.faces].mean(axis=1) * velocity
+        nu = self.setting.wall_friction
+        if nu:  # grad omega acts through the vorticity of the boundary alone
             omega = self.walls.smoothed(omega, side_flux, state.time)
-        push += 1j * nu * (omega[space.faces] * self.slope).sum(axis=1)
+            push += 1j * nu * (omega[space.faces] * self.slope).sum(axis=1)
         push += self.setting.context.to_frames(space, self.accelerations(state))
         rhs = sum_by_index(
             space.faces, space.area[:, None] * (push[:, None] * np.conj(self.slope)).real, space.n

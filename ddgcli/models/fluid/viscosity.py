@@ -30,6 +30,7 @@ def build(parameters: ViscositySection, context: FluidContext) -> list[PhaseRequ
         return []
 
     def make(setting: FluidSetting) -> Phase:
+        setting.viscosity = parameters.nu
         if context.is_volume:
             from ddgcli.models.fluid.volume_viscosity import VolumeDiffusion
 
@@ -40,7 +41,7 @@ def build(parameters: ViscositySection, context: FluidContext) -> list[PhaseRequ
 
         space, nu, kind = setting.space, parameters.nu, parameters.kind
         if kind == "hodge" and not setting.no_slip:
-            return Diffusion(VorticityDiffusion(space, nu))
+            return Diffusion(setting, VorticityDiffusion(space, nu))
         if not space.mesh.topology.is_closed and not setting.no_slip:
             raise ValueError(
                 f"kind {kind} on a surface with boundary needs boundary no-slip; with free slip there is "
@@ -50,10 +51,10 @@ def build(parameters: ViscositySection, context: FluidContext) -> list[PhaseRequ
             space, nu, kind, setting.wall_circulation, setting.slip, setting.evolve_harmonic
         )
         if kind != "hodge" or not context.obstacles:
-            return Diffusion(scheme)
+            return Diffusion(setting, scheme)
         from ddgcli.models.fluid.forces import obstacle_forces
 
-        return Diffusion(scheme, obstacle_forces(setting, scheme))
+        return Diffusion(setting, scheme, obstacle_forces(setting, scheme))
 
     return [PhaseRequest(make)]
 
