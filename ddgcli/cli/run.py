@@ -215,10 +215,10 @@ class Run:
         self._predicted = None if prediction is None else (prediction, size)
         return prediction
 
-    def predict_with(self, **facts: Any) -> None:
-        """Predict again, where there is a prediction, with facts that the size of the input lacked."""
+    def predict_with(self, change: Callable[[InputSize], InputSize]) -> None:
+        """Predict again, where there is a prediction, with the facts that `change` adds to its size."""
         if self._predicted is not None:
-            self.predict(replace(self._predicted[1], **facts))
+            self.predict(change(self._predicted[1]))
 
     def refine_prediction(self, refine: Callable[[Prediction, InputSize], Prediction]) -> None:
         """Replace the prediction of a dry run by `refine(prediction, size)`."""

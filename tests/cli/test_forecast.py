@@ -22,6 +22,7 @@ from ddgcli.cli.forecast import prediction
 from ddgcli.cli.forecast.check_cost import size_of
 from ddgcli.cli.forecast.coefficients import COEFFICIENTS, PROBE_SECONDS
 from ddgcli.cli.forecast.delaunay_kernels import steiner_points
+from ddgcli.cli.forecast.facts import CurvatureFacts, DelaunayFacts, GeodesicFacts
 from ddgcli.cli.forecast.kernels import COPIES_FACTOR, kernels_of
 from ddgcli.cli.forecast.mesh_facts import (
     compactness,
@@ -93,7 +94,7 @@ def test_the_probe_sorts_without_vector_instructions_that_its_commands_do_not_us
 
 
 def test_options_change_what_is_predicted():
-    size = InputSize("surface", 10_000, edge_length=0.1)
+    size = InputSize("surface", 10_000, curvature=CurvatureFacts(edge_length=0.1))
 
     def names(command, **options):
         return [use.kernel for use in kernels_of(command, options, size)]
@@ -144,8 +145,8 @@ def test_steiner_points_are_counted_after_the_flips_and_up_to_their_limit():
     grid = shapes.grid(30, 30)
     sheared = grid.moved(grid.points + grid.points[:, 1:2] * [5.0, 0, 0])  # flips make it square again
     size = size_of(sheared, {"refine": 25.0})
-    assert size.angle_deficit < 0.1 * sheared.n_faces  # but at the boundary
-    size = replace(InputSize("surface", 2000), angle_deficit=500.0)
+    assert size.delaunay.angle_deficit < 0.1 * sheared.n_faces  # but at the boundary
+    size = InputSize("surface", 2000, delaunay=DelaunayFacts(500.0))
     few, many = (
         kernels_of("delaunay", {"refine": 25.0, "max_points": most}, size)[-1] for most in (100, None)
     )
@@ -175,7 +176,7 @@ def test_steiner_points_and_faces_of_refined_overlays_are_counted_by_small_angle
     options = {"refine": 25.0, "transfer": ["f"]}
     size = size_of(mesh, options)
     overlay = intrinsic_delaunay(mesh, degrees=25.0, subdivide=True).results["overlay"]
-    points = steiner_points(25.0, None, size.angle_deficit, size)
+    points = steiner_points(25.0, None, size.delaunay.angle_deficit, size.delaunay)
     assert points == pytest.approx(overlay["steiner_points"], rel=0.35)
     uses = {use.kernel: use for use in kernels_of("delaunay", options, size)}
     n_faces = mesh.n_faces + uses["delaunay refined faces"].elements
@@ -197,7 +198,7 @@ def test_faces_of_overlays_are_counted(stretch):
     mesh = sphere.moved(sphere.points * [1.0, 1.0, stretch])
     size = size_of(mesh, {"overlay": "x"})
     cut = common_subdivision(flip_to_delaunay(mesh, track=True), BaseTriangulation.itself(mesh))
-    assert mesh.n_faces + size.further_overlay_faces == cut.mesh.n_faces
+    assert mesh.n_faces + size.delaunay.further_overlay_faces == cut.mesh.n_faces
     kernels = kernels_of("delaunay", {"overlay": "x"}, size)
     assert [use.kernel for use in kernels[2:]] == (["delaunay further faces"] if stretch > 1.0 else [])
 
@@ -205,7 +206,7 @@ def test_faces_of_overlays_are_counted(stretch):
 def test_rows_of_needles_may_take_many_more_flips():
     size = InputSize("surface", 2000)
     needles, others = (
-        kernels_of("delaunay", {"refine": 25.0}, replace(size, angle_deficit=deficit))[-1]
+        kernels_of("delaunay", {"refine": 25.0}, replace(size, delaunay=DelaunayFacts(deficit)))[-1]
         for deficit in (1999.0, 500.0)
     )
     assert needles.range[1] > 4 * others.range[1]
@@ -244,7 +245,7 @@ def test_rounds_of_fast_marching_are_counted_by_the_longest_path():
     def runs(mesh, **options):
         options = {"method": "fast-marching", "source": [0], **options}
         of_all, of_one = edge_paths(mesh, options)
-        size = InputSize("surface", mesh.n_faces, paths=of_all, paths_of_one=of_one)
+        size = InputSize("surface", mesh.n_faces, geodesic=GeodesicFacts(of_all, of_one))
         uses = {use.kernel: use.times for use in kernels_of("geodesic", options, size)}
         return uses.get("geodesic fast-marching solve", 0.0)
 
@@ -345,7 +346,7 @@ def rough_square(n):
 def test_exact_distances_are_predicted_by_the_windows_near_the_sources(mesh, least, most):
     def times(**options):
         of_all, of_one = edge_paths(mesh, options)
-        size = InputSize("surface", mesh.n_faces, paths=of_all, paths_of_one=of_one)
+        size = InputSize("surface", mesh.n_faces, geodesic=GeodesicFacts(of_all, of_one))
         return [use.times for use in kernels_of("geodesic", {"method": "exact", **options}, size)]
 
     (from_end,) = times(source=[0])

@@ -1,7 +1,6 @@
 """Predictions of `curvature`: its kernels are counted by facts of the mesh."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +10,7 @@ from ddgcli.algorithms.curvature.ball_blocks import ball_blocks
 from ddgcli.algorithms.curvature.face_balls import FaceBalls
 from ddgcli.choices import CURVATURE_SCHEMES
 from ddgcli.cli.forecast.check_cost import size_of
+from ddgcli.cli.forecast.facts import CurvatureFacts
 from ddgcli.cli.forecast.kernels import kernels_of
 from ddgcli.cli.forecast.mesh_facts import (
     SEARCH_OF_BALL,
@@ -30,9 +30,8 @@ MIB = 2.0**20
 @pytest.mark.parametrize("radius", [None, "auto", 0.3])
 @pytest.mark.parametrize("scheme", [s for s in CURVATURE_SCHEMES if s != "cotan"])
 def test_every_kernel_of_a_scheme_has_been_measured(scheme, radius):
-    size = InputSize(
-        "surface", 1000, edge_length=0.1, noise="noise", fitted_pairs=(5000.0, 9000.0), sheared=True
-    )
+    facts = CurvatureFacts(0.1, noise="noise", fitted_pairs=(5000.0, 9000.0), sheared=True)
+    size = InputSize("surface", 1000, curvature=facts)
     uses = kernels_of("curvature", {"scheme": scheme, "radius": radius}, size)
     kernels = predict(uses, size).kernels
     assert kernels and all(row["seconds"] is not None for row in kernels)
@@ -50,7 +49,7 @@ def test_neighbours_of_the_delaunay_triangulation_are_counted_where_most_edges_a
     plain, flipped = (
         {
             use.kernel
-            for use in kernels_of("curvature", {"scheme": "quadric"}, replace(size, sheared=is_sheared))
+            for use in kernels_of("curvature", {"scheme": "quadric"}, size.with_curvature(sheared=is_sheared))
         }
         for is_sheared in (False, True)
     )
@@ -69,7 +68,7 @@ def test_the_search_for_noise_is_counted_where_the_first_fits_of_the_run_show_so
     def kernels(mesh, **options):
         options = {"scheme": "quadric", **options}
         noise, pairs = noise_of_vertices(mesh, "quadric")
-        size = replace(size_of(mesh, options), noise=noise, fitted_pairs=pairs)
+        size = size_of(mesh, options).with_curvature(noise=noise, fitted_pairs=pairs)
         return {use.kernel for use in kernels_of("curvature", options, size)} & {*search, in_balls}
 
     assert not kernels(smooth) and not kernels(shapes.icosphere(1)) and not kernels(smooth, radius="auto")
@@ -115,10 +114,10 @@ def test_offset_bodies_are_counted_by_the_steps_of_their_arcs():
         size = size_of(box, {"offset": 0.1, "offset_angle": angle})
         assert (arcs.n_points, arcs.n_faces) == (len(points), len(faces))
         of_smooth = round(len(points) / 2.1)  # faces of a smooth surface's offset with as many points
-        assert size.offset_faces == of_smooth
+        assert size.curvature.offset_faces == of_smooth
         options = {"scheme": "cotan", "offset": 0.1}
         assert kernels_of("curvature", options, size)[0].elements == of_smooth
-    assert size_of(shapes.grid(2, 2), {"offset": 0.1}).offset_faces is None  # the run refuses it
+    assert size_of(shapes.grid(2, 2), {"offset": 0.1}).curvature.offset_faces is None  # the run refuses it
 
 
 def test_balls_are_counted_where_the_vertices_lie():
@@ -133,12 +132,12 @@ def test_balls_are_counted_where_the_vertices_lie():
 
     def elements(mesh):
         work = ball_work(mesh, radius, "quadric")
-        size = InputSize("surface", mesh.n_faces, ball_work=work)
+        size = InputSize("surface", mesh.n_faces, curvature=CurvatureFacts(ball_work=work))
         return kernels_of("curvature", {"scheme": "quadric", "radius": radius}, size)[1].elements
 
     assert elements(graded) > 2 * elements(square)
     # measured: clipping balls of eight edges take 2.2 times as long as balls of three
-    size = InputSize("surface", 9000, edge_length=1.0)
+    size = InputSize("surface", 9000, curvature=CurvatureFacts(edge_length=1.0))
     three, eight = (
         kernels_of("curvature", {"scheme": "corrected", "radius": rings}, size) for rings in (3.0, 8.0)
     )

@@ -19,11 +19,11 @@ def test_points_of_a_strip_are_its_length_over_its_width(width):
     unit = (grid.points - grid.points.min(axis=0)) / np.maximum(np.ptp(grid.points, axis=0), 1e-9)
     strip = grid.moved(unit * [35.0, width, 0.0])
     size = size_of(strip, {"refine": 25.0})
-    points = steiner_points(25.0, None, size.angle_deficit, size)
+    points = steiner_points(25.0, None, size.delaunay.angle_deficit, size.delaunay)
     expected = 35.0 / width
     assert 0.6 * expected < points < 1.6 * expected
     narrow = size_of(strip.moved(unit * [35.0, 1e-5, 0.0]), {"refine": 25.0})
-    assert steiner_points(25.0, None, 0.0, narrow) == 100_000  # where refinement stops
+    assert steiner_points(25.0, None, 0.0, narrow.delaunay) == 100_000  # where refinement stops
 
 
 def test_a_sharp_corner_of_the_boundary_is_no_corridor():

@@ -1,7 +1,6 @@
 """Predictions of lines on surfaces: the edges that they cross."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,6 +14,7 @@ from ddgcli.algorithms.tangent_fields.geodesic_task import GeodesicTask
 from ddgcli.cli.forecast.check_cost import size_of
 from ddgcli.cli.forecast.coefficients import COEFFICIENTS
 from ddgcli.cli.forecast.curve_facts import field_facts
+from ddgcli.cli.forecast.facts import GeodesicFacts
 from ddgcli.cli.forecast.kernels import kernels_of
 from ddgcli.cli.forecast.mesh_facts import crossings_per_length, edge_paths, mean_chord
 from ddgcli.cli.forecast.use import InputSize
@@ -35,7 +35,7 @@ def test_crossings_of_straight_lines_are_counted_by_the_formula_of_crofton():
     use = kernels_of(
         "geodesic",
         {"trace": [[0, [1, 0, 0], [1, 0, 0], 30.0]] * 2},
-        InputSize("surface", 9, crossings_per_length=5.0),
+        InputSize("surface", 9, geodesic=GeodesicFacts(crossings_per_length=5.0)),
     )[-1]
     assert use.kernel == "geodesic crossings" and use.elements == 300.0
 
@@ -71,10 +71,10 @@ def test_lines_between_boundaries_have_the_mean_length_of_santalo():
 
 def predicted(mesh, facts=None, **options):
     """Uses of kernels by their names, and the curves of the run itself."""
-    size = replace(size_of(mesh, options), **(facts or {}))
+    size = size_of(mesh, options).with_geodesic(**(facts or {}))
     if options.get("source"):
         of_all, of_one = edge_paths(mesh, options)
-        size = replace(size, paths=of_all, paths_of_one=of_one)
+        size = size.with_geodesic(paths=of_all, paths_of_one=of_one)
     uses = {use.kernel: use for use in kernels_of("geodesic", options, size)}
     assert set(uses) <= set(COEFFICIENTS)
     return uses
@@ -134,8 +134,9 @@ def test_fixed_steps_of_integral_curves_are_counted():
     assert step.elements == 4 * 150
     points = 4 * 100 + uses["geodesic crossings"].elements
     assert points == pytest.approx(len(curves.paths.face), rel=0.2)
-    assert predicted(SPHERE, {"steps": 100}, field_order="1", **options)["geodesic field round"].times == 37.5
-    assert predicted(SPHERE, {"steps": 100}, source=[1, 2], field="f")["geodesic field step"].elements == 300
+    facts = {"field_steps": 100}
+    assert predicted(SPHERE, facts, field_order="1", **options)["geodesic field round"].times == 37.5
+    assert predicted(SPHERE, facts, source=[1, 2], field="f")["geodesic field step"].elements == 300
 
 
 @pytest.mark.parametrize("mesh", [SPHERE, ROUGH, shapes.icosphere(3)], ids=["sphere", "rough", "smooth"])

@@ -77,7 +77,8 @@ def command(
         from ddgcli.cli.subdivided_input import input_function
 
         field = input_function(read, curves.field)
-        run.predict_with(**field_facts(mesh, field[0], run.options))
+        facts = field_facts(mesh, field[0], run.options)
+        run.predict_with(lambda size: size.with_geodesic(**facts))
     if subdivide:
         from ddgcli.cli.subdivided_input import on_subdivided_faces
 

@@ -13,6 +13,7 @@ __all__ = [
     "curvature_kernels",
     "curve_facts",
     "delaunay_kernels",
+    "facts",
     "geodesic_kernels",
     "kernels",
     "mesh_facts",

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from ddgcli.choices import MAX_POINTS_PER_VERTEX, MIN_MAX_POINTS
 from ddgcli.cli.forecast.delaunay_kernels import MEASURED_REFINEMENT_DEGREES, needs_overlay
+from ddgcli.cli.forecast.facts import DelaunayFacts, LaplacianFacts, TradeoffFacts
 from ddgcli.cli.forecast.kernels import kernels_of
 from ddgcli.cli.forecast.use import InputSize
 from ddgcli.errors import MeshError, ParameterError, excerpt
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
     from ddgcli.cli.forecast.prediction import Prediction
     from ddgcli.mesh.curve import CurveSet
     from ddgcli.mesh.fields import AnyMesh
+    from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
+    from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 __all__ = ["check_cost", "dry_run_of", "predict_run", "refined_prediction", "refuse_run", "size_of"]
 
@@ -46,77 +49,109 @@ def _step_count(duration: float, each: float) -> int:
 
 def size_of(mesh: AnyMesh, options: Mapping[str, Any]) -> InputSize:
     """Size of a mesh and of the steps that the options name."""
+    from ddgcli.cli.forecast.mesh_facts import compactness, handles, signature_pairs
+    from ddgcli.mesh.curve import CurveSet
+    from ddgcli.mesh.tet_mesh import TetMesh
+
+    steps, adaptive = _steps(mesh, options)
+    if isinstance(mesh, CurveSet):
+        n_curves = _n_curves(mesh) if options.get("flow") else 1
+        return InputSize("curve", mesh.n_vertices, steps, adaptive, n_curves=n_curves)
+    if not isinstance(mesh, TetMesh):
+        return _surface_size(mesh, options, InputSize("surface", len(mesh.faces), steps, adaptive))
+    spectrum = LaplacianFacts(
+        signature_pairs(mesh, options["hks"]) if options.get("hks") else 0,
+        compactness=compactness(mesh) if options.get("form_eigen") else 1.0,
+    )
+    betti_number = handles(mesh.boundary) if "basis" in options else 0
+    return InputSize("tetrahedra", len(mesh.tetrahedra), steps, betti_number=betti_number, laplacian=spectrum)
+
+
+def _steps(mesh: AnyMesh, options: Mapping[str, Any]) -> tuple[int | None, bool]:
+    """Steps that the options name, None where they do not; whether these are frames with adaptive steps."""
+    from ddgcli.cli.forecast.mesh_facts import wave_steps
+    from ddgcli.mesh.curve import CurveSet
+
+    duration, steps = options.get("duration"), options.get("steps")
+    if duration and options.get("tolerance"):
+        every = options.get("frame_every")
+        return _step_count(duration, every) if every else DEFAULT_FRAME_COUNT, True
+    step = options.get("step") or options.get("time_step")
+    if steps is None and duration and step:
+        steps = _step_count(duration, step)
+    if steps is None and options.get("wave") and duration and not isinstance(mesh, CurveSet):
+        steps = wave_steps(mesh, duration)
+    return steps, False
+
+
+def _surface_size(
+    mesh: TriangleMesh | IntrinsicMesh, options: Mapping[str, Any], size: InputSize
+) -> InputSize:
+    """The size of a surface with the facts that the options need."""
     from ddgcli.cli.forecast.curvature_kernels import compared_work
     from ddgcli.cli.forecast.curve_facts import curve_facts, has_curves
+    from ddgcli.cli.forecast.mesh_facts import harmonic_fields, hole_triangles, offset_faces, picture_share
+    from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+    size = replace(
+        size,
+        betti_number=harmonic_fields(mesh) if options.get("basis") else 0,
+        hole_triangles=hole_triangles(mesh, options["fill_holes"]) if options.get("fill_holes") else 0.0,
+        delaunay=_delaunay_facts(mesh, options),
+        laplacian=_spectrum_facts(mesh, options),
+    )
+    if options.get("radius") and len(mesh.faces):
+        size = size.with_curvature(edge_length=float(mesh.side_length.mean()))
+    if not isinstance(mesh, TriangleMesh):
+        return size
+    if options.get("offset"):
+        size = size.with_curvature(offset_faces=offset_faces(mesh, options))
+    if options.get("compared") == "curvature" and len(mesh.faces):
+        size = replace(size, tradeoff=TradeoffFacts(compared_work(mesh)))
+    if has_curves(options):
+        size = replace(size, geodesic=curve_facts(mesh, options))
+    return replace(size, picture_share=picture_share(mesh)) if options.get("plot") else size
+
+
+def _delaunay_facts(mesh: TriangleMesh | IntrinsicMesh, options: Mapping[str, Any]) -> DelaunayFacts:
+    """What refinements and overlays depend on."""
     from ddgcli.cli.forecast.mesh_facts import (
         angle_contrast,
         angle_deficit,
-        compactness,
-        component_counts,
         corridor_aspect,
         crossings_per_root_face,
         delaunay_mesh,
-        handles,
-        harmonic_fields,
-        hole_triangles,
-        offset_faces,
-        picture_share,
-        signature_pairs,
-        wave_steps,
     )
-    from ddgcli.mesh.curve import CurveSet
-    from ddgcli.mesh.tet_mesh import TetMesh
-    from ddgcli.mesh.triangle_mesh import TriangleMesh
 
-    steps = options.get("steps")
-    step = options.get("step") or options.get("time_step")
-    if steps is None and options.get("duration") and step:
-        steps = _step_count(options["duration"], step)
-    adaptive = bool(options.get("tolerance") and options.get("duration"))
-    if adaptive:
-        every = options.get("frame_every")
-        steps = _step_count(options["duration"], every) if every else DEFAULT_FRAME_COUNT
-    if steps is None and options.get("wave") and options.get("duration") and not isinstance(mesh, CurveSet):
-        steps = wave_steps(mesh, options["duration"])
-    if isinstance(mesh, CurveSet):
-        n_curves = _n_curves(mesh) if options.get("flow") else 1
-        return InputSize("curve", mesh.n_vertices, steps=steps, adaptive=adaptive, n_curves=n_curves)
-    if isinstance(mesh, TetMesh):
-        pairs = signature_pairs(mesh, options["hks"]) if options.get("hks") else 0
-        return InputSize(
-            "tetrahedra", len(mesh.tetrahedra), steps=steps, signature_pairs=pairs,
-            betti_number=handles(mesh.boundary) if "basis" in options else 0,
-            compactness=compactness(mesh) if options.get("form_eigen") else 1.0,
-        )  # fmt: skip
-    edge_length = float(mesh.side_length.mean()) if options.get("radius") and len(mesh.faces) else None
-    refine = options.get("refine")
+    degrees, overlaid = options.get("refine"), needs_overlay(options)
     if options.get("compared") == "delaunay" and len(mesh.faces) < MIN_CHECKED_ELEMENTS:
-        refine = refine or MEASURED_REFINEMENT_DEGREES
-    overlaid = needs_overlay(options)
-    delaunay, further_faces = delaunay_mesh(mesh) if refine or overlaid else (mesh, 0)
-    n_offset, shown, balls = None, 0.5, 1.0
-    if isinstance(mesh, TriangleMesh):
-        balls = compared_work(mesh) if options.get("compared") == "curvature" and len(mesh.faces) else balls
-        n_offset = offset_faces(mesh, options) if options.get("offset") else None
-        shown = picture_share(mesh) if options.get("plot") else shown
-    curves = curve_facts(mesh, options) if isinstance(mesh, TriangleMesh) and has_curves(options) else {}
-    of_spectrum = options.get("hks") or options.get("eigen")
-    n_components, equal_components = component_counts(mesh) if of_spectrum else (1, 1)
-    return InputSize(
-        "surface", len(mesh.faces), edge_length, steps, adaptive=adaptive,
-        angle_deficit=angle_deficit(delaunay, float(refine)) if refine else None,
-        angle_contrast=angle_contrast(delaunay, float(refine)) if refine else None,
-        corridor_aspect=corridor_aspect(delaunay, float(refine)) if refine else 0.0,
-        most_points=max(MIN_MAX_POINTS, MAX_POINTS_PER_VERTEX * mesh.n_vertices),
-        crossings_per_root_face=crossings_per_root_face(mesh) if refine and overlaid else 0.0,
-        further_overlay_faces=further_faces if overlaid else 0,
-        signature_pairs=signature_pairs(mesh, options["hks"]) if options.get("hks") else 0,
-        betti_number=harmonic_fields(mesh) if options.get("basis") else 0,
-        n_components=n_components, equal_components=equal_components,
-        offset_faces=n_offset,
-        hole_triangles=hole_triangles(mesh, options["fill_holes"]) if options.get("fill_holes") else 0.0,
-        picture_share=shown, compared_work=balls, **curves,
-    )  # fmt: skip
+        degrees = degrees or MEASURED_REFINEMENT_DEGREES
+    facts = DelaunayFacts(most_points=max(MIN_MAX_POINTS, MAX_POINTS_PER_VERTEX * mesh.n_vertices))
+    if not (degrees or overlaid):
+        return facts
+    delaunay, further_faces = delaunay_mesh(mesh)
+    if overlaid:
+        facts = replace(facts, further_overlay_faces=further_faces)
+    if not degrees:
+        return facts
+    degrees = float(degrees)
+    return replace(
+        facts,
+        angle_deficit=angle_deficit(delaunay, degrees),
+        angle_contrast=angle_contrast(delaunay, degrees),
+        corridor_aspect=corridor_aspect(delaunay, degrees),
+        crossings_per_root_face=crossings_per_root_face(mesh) if overlaid else 0.0,
+    )
+
+
+def _spectrum_facts(mesh: TriangleMesh | IntrinsicMesh, options: Mapping[str, Any]) -> LaplacianFacts:
+    """What eigenpairs depend on."""
+    from ddgcli.cli.forecast.mesh_facts import component_counts, signature_pairs
+
+    if not (options.get("hks") or options.get("eigen")):
+        return LaplacianFacts()
+    pairs = signature_pairs(mesh, options["hks"]) if options.get("hks") else 0
+    return LaplacianFacts(pairs, *component_counts(mesh))
 
 
 def _n_curves(mesh: CurveSet) -> int:
@@ -155,7 +190,8 @@ def predict_run(
         most = prediction.read_seconds + all_options["budget"]
         low, high = (min(most, seconds) for seconds in prediction.seconds_range)
         share = min(1.0, most / prediction.seconds) ** (1.0 / COMPARISON_EXPONENT)
-        fitting = prediction_of(all_options["solver"], replace(size, compared_share=share))
+        fitted = replace(size, tradeoff=replace(size.tradeoff, share=share))
+        fitting = prediction_of(all_options["solver"], fitted)
         return replace(fitting, seconds=min(most, prediction.seconds), seconds_range=(low, high))
     return prediction
 
@@ -174,16 +210,16 @@ def refined_prediction(
     propagates = options.get("method") in ("exact", "fast-marching")
     if run.command == "geodesic" and (propagates or options.get("isolines")):
         of_all, of_one = edge_paths(mesh, options)
-        size = replace(size, paths=of_all, paths_of_one=of_one)
+        size = size.with_geodesic(paths=of_all, paths_of_one=of_one)
     elif run.command == "curvature":
         scheme, radius = options["scheme"], options.get("radius")
         if stated := radius not in (None, "auto"):
-            size = replace(size, ball_work=ball_work(mesh, float(radius), scheme))
+            size = size.with_curvature(ball_work=ball_work(mesh, float(radius), scheme))
         if scheme == "quadric" or not stated:
             noise, pairs = noise_of_vertices(mesh, scheme)
-            size = replace(size, noise=noise, fitted_pairs=pairs)
+            size = size.with_curvature(noise=noise, fitted_pairs=pairs)
         if scheme == "quadric":
-            size = replace(size, sheared=has_sheared_fits(mesh))
+            size = size.with_curvature(sheared=has_sheared_fits(mesh))
     else:
         return prediction, size
     return predict_run(run, size, earlier=prediction), size

@@ -37,23 +37,23 @@ def curvature_kernels(options: Mapping[str, Any], size: InputSize) -> Iterator[U
         if options.get("frames"):
             yield Use("curvature frames")
         return
-    scheme, radius = options["scheme"], options.get("radius")
+    scheme, radius, facts = options["scheme"], options.get("radius"), size.curvature
     if options.get("offset"):
-        yield Use("curvature offset", elements=size.offset_faces or LEAST_OFFSET_SHARE * size.elements)
+        yield Use("curvature offset", elements=facts.offset_faces or LEAST_OFFSET_SHARE * size.elements)
     stated = radius not in (None, "auto")
     yield Use(f"curvature {scheme}")
-    if size.sheared:
+    if facts.sheared:
         yield Use("curvature sheared", added=1.0)
-    noisy = size.noise in AVERAGED_NOISE
+    noisy = facts.noise in AVERAGED_NOISE
     if stated or (radius == "auto" and noisy):
-        length = AUTO_RINGS * (size.edge_length or 1.0) if radius == "auto" else float(radius or 0.0)
+        length = AUTO_RINGS * (facts.edge_length or 1.0) if radius == "auto" else float(radius or 0.0)
         seconds_range, assumes = (KNOWN, "") if stated else (NOISY_RANGE, "balls of four edges")
         use = Use(f"curvature {scheme} radius", range=seconds_range, assumes=assumes)
         if scheme in CLIPPING_SCHEMES:  # in blocks, whose memory does not grow with them
             yield replace(use, times=_clipping_share(length, size))
         else:
             yield replace(use, elements=_ball_work(length, size), added=1.0)
-    if size.noise and (not stated or scheme == "quadric"):
+    if facts.noise and (not stated or scheme == "quadric"):
         yield from _noise_search(scheme, radius, size, averages=noisy and not stated)
 
 
@@ -61,18 +61,18 @@ def _noise_search(scheme: str, radius: Any, size: InputSize, *, averages: bool) 
     """Fits in balls around some vertices, and where they show noise averages of normals; in pairs of both."""
     from ddgcli.algorithms.curvature import noise_estimate
 
-    n, pairs = 0.5 * size.elements, size.fitted_pairs
+    n, pairs, noise = 0.5 * size.elements, size.curvature.fitted_pairs, size.curvature.noise
     added = 0.0 if averages else 1.0  # the memory of fits is free when normals are averaged
     assumes, seconds_range = "balls that grow to the widest", WIDE_FITS_RANGE
-    if size.noise == "even":
+    if noise == "even":
         assumes, seconds_range = "errors alike everywhere", EVEN_RANGE
-    elif size.noise == "uneven":
+    elif noise == "uneven":
         assumes, seconds_range = "no confirmation by more balls", UNEVEN_RANGE
     if pairs:
         times = sum(pairs) / (MEASURED_PAIRS_OF_WIDEST * max(pairs))
         yield Use("curvature wide fits", times, added, max(pairs), seconds_range, assumes, once=True)
     if averages:
-        voxels = size.noise == "voxels" and radius == "auto" and scheme == "normal-voting"
+        voxels = noise == "voxels" and radius == "auto" and scheme == "normal-voting"
         most = noise_estimate.MAX_VOXEL_PAIRS if voxels else noise_estimate.MAX_VOTING_PAIRS
         yield Use("curvature noise", added=1.0, elements=min(most, n * n))
 
@@ -91,22 +91,22 @@ def _work_on_sphere(rings: float) -> float:
 
 def _ball_work(radius: float, size: InputSize) -> float:
     """Pairs of a ball and a vertex in it; unless counted, those of a sphere with edges alike."""
-    if size.ball_work is not None:
-        return size.ball_work
+    if size.curvature.ball_work is not None:
+        return size.curvature.ball_work
     return 0.5 * size.elements * (BALL_SEARCH + _in_ball(radius, size))
 
 
 def _clipping_share(radius: float, size: InputSize) -> float:
     """Work of clipping faces by balls over that of balls of three edges on a sphere."""
     measured = _work_on_sphere(MEASURED_RINGS)
-    if size.ball_work is not None:
-        return size.ball_work / (0.5 * measured * max(size.elements, 1))
-    rings = min(radius / (size.edge_length or 1.0), MAX_RINGS)
+    if size.curvature.ball_work is not None:
+        return size.curvature.ball_work / (0.5 * measured * max(size.elements, 1))
+    rings = min(radius / (size.curvature.edge_length or 1.0), MAX_RINGS)
     clipped = min(CLIPPED_PER_RING * rings, size.elements)
     return clipping_work(clipped, min(FACES_PER_SQUARED_RING * rings**2, size.elements)) / measured
 
 
 def _in_ball(radius: float, size: InputSize) -> float:
     """Vertices in a ball on a surface with edges alike, no more than it has."""
-    rings = min(radius / (size.edge_length or 1.0), MAX_RINGS)
+    rings = min(radius / (size.curvature.edge_length or 1.0), MAX_RINGS)
     return min(VERTICES_PER_SQUARED_RING * rings**2, size.elements)

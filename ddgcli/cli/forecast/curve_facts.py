@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from ddgcli.cli.forecast.facts import GeodesicFacts
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -22,22 +24,22 @@ def has_curves(options: Mapping[str, Any]) -> bool:
     return any(options.get(name) for name in CURVE_OPTIONS)
 
 
-def curve_facts(mesh: TriangleMesh, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Fields of an `InputSize` that curves on a surface depend on."""
+def curve_facts(mesh: TriangleMesh, options: Mapping[str, Any]) -> GeodesicFacts:
+    """Facts that curves on a surface depend on."""
     from ddgcli.cli.forecast.mesh_facts import crossings_per_length, mean_chord
 
     n_legs, length = way_point_legs(mesh, options)
     first = next(iter(options.get("source") or ()), -1)
-    return {
-        "crossings_per_length": crossings_per_length(mesh),
-        "mean_chord": mean_chord(mesh),
-        "starts_at_boundary": 0 <= first < mesh.n_vertices and bool(mesh.topology.boundary_vertex[first]),
+    return GeodesicFacts(
+        crossings_per_length=crossings_per_length(mesh),
+        mean_chord=mean_chord(mesh),
+        starts_at_boundary=0 <= first < mesh.n_vertices and bool(mesh.topology.boundary_vertex[first]),
         # a side at the boundary is half an edge
-        "total_edge_length": 0.5 * float(mesh.side_length.sum()),
-        "extent": _extent(mesh),
-        "n_legs": n_legs,
-        "leg_length": length,
-    }
+        total_edge_length=0.5 * float(mesh.side_length.sum()),
+        extent=_extent(mesh),
+        n_legs=n_legs,
+        leg_length=length,
+    )
 
 
 def way_point_legs(mesh: TriangleMesh, options: Mapping[str, Any]) -> tuple[int, float]:
@@ -61,7 +63,7 @@ def way_point_legs(mesh: TriangleMesh, options: Mapping[str, Any]) -> tuple[int,
 
 
 def field_facts(mesh: TriangleMesh, values: NDArray, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Fields of an `InputSize` that integral curves of vectors depend on: their length, and fixed steps.
+    """Fields of `GeodesicFacts` that integral curves of vectors depend on: their length, and fixed steps.
 
     None of a field that the run refuses.
     """
@@ -81,7 +83,7 @@ def field_facts(mesh: TriangleMesh, values: NDArray, options: Mapping[str, Any])
     if not (np.isfinite(duration / crossing_time) and duration > 0.0):
         return {}
     steps = None if step is None else max(1, math.ceil(min(duration / step, 1e9)))
-    return {"field_length": 2.0 * _extent(mesh) * duration / crossing_time, "steps": steps}
+    return {"field_length": 2.0 * _extent(mesh) * duration / crossing_time, "field_steps": steps}
 
 
 def _extent(mesh: TriangleMesh) -> float:

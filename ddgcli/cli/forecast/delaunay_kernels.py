@@ -7,15 +7,16 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from ddgcli.choices import MAX_REFINEMENT_DEGREES
+from ddgcli.cli.forecast.facts import DelaunayFacts
 from ddgcli.cli.forecast.use import InputSize, Use
 
 __all__ = ["DEFICIT_OF_MEASURED_FACE", "MEASURED_REFINEMENT_DEGREES", "delaunay_kernels", "needs_overlay"]
 
 MEASURED_REFINEMENT_DEGREES = 25.0
-# Steiner points at 25 degrees, of the angle deficit and the angle contrast of `InputSize`: faces with equal
-# small angles, as of mechanical parts, share points; between faces with different ones the points grade from
-# one size to the other. They grow as exp(degrees / 12). A point takes three flips, and the input four for
-# its deficit
+# Steiner points at 25 degrees, of the angle deficit and the angle contrast of `DelaunayFacts`: faces with
+# equal small angles, as of mechanical parts, share points; between faces with different ones the points grade
+# from one size to the other. They grow as exp(degrees / 12). A point takes three flips, and the input four
+# for its deficit
 POINTS_PER_DEFICIT, POINTS_PER_CONTRAST = 1.2, 1.55
 POINTS_PER_ASPECT = 0.43  # of the corridor aspect: strips have two faces a length
 STEINER_RANGE, STEINER_DEGREES = (0.4, 2.5), 12.0
@@ -32,12 +33,12 @@ LONG_LINES = 8.0
 
 def delaunay_kernels(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     yield Use("delaunay")
-    points = 0.0
+    points, facts = 0.0, size.delaunay
     if options.get("refine"):
         yield Use("delaunay", added=1.0)  # the input, in which the points are inserted too
         deficit = DEFICIT_OF_MEASURED_FACE * size.elements
-        deficit = deficit if size.angle_deficit is None else size.angle_deficit
-        points = steiner_points(float(options["refine"]), options.get("max_points"), deficit, size)
+        deficit = deficit if facts.angle_deficit is None else facts.angle_deficit
+        points = steiner_points(float(options["refine"]), options.get("max_points"), deficit, facts)
         yield _refinement(points, deficit, size)
     transfer = bool(options.get("transfer"))
     if needs_overlay(options):
@@ -56,25 +57,25 @@ def needs_overlay(options: Mapping[str, Any]) -> bool:
     return bool(options.get("overlay") or options.get("transfer"))
 
 
-def steiner_points(degrees: float, most: int | None, deficit: float, size: InputSize) -> float:
+def steiner_points(degrees: float, most: int | None, deficit: float, facts: DelaunayFacts) -> float:
     """Number of Steiner points, at most `most`, by the angles of the Delaunay triangulation."""
-    contrast = size.angle_contrast
+    contrast = facts.angle_contrast
     if contrast is None:
         contrast = deficit * CONTRAST_OF_MEASURED_FACE / DEFICIT_OF_MEASURED_FACE
     growth = math.exp((min(degrees, MAX_REFINEMENT_DEGREES) - MEASURED_REFINEMENT_DEGREES) / STEINER_DEGREES)
     graded = POINTS_PER_DEFICIT * deficit + POINTS_PER_CONTRAST * contrast
-    points = growth * (graded + POINTS_PER_ASPECT * size.corridor_aspect)
-    return min(points, size.most_points if most is None else most)
+    points = growth * (graded + POINTS_PER_ASPECT * facts.corridor_aspect)
+    return min(points, facts.most_points if most is None else most)
 
 
 def further_overlay_faces(points: float, size: InputSize) -> float:
     """Faces of the common subdivision beyond those of the input, with Steiner points."""
     if not points:
-        return size.further_overlay_faces
+        return size.delaunay.further_overlay_faces
     faces = size.elements + 2.0 * points
     share = 2.0 * points / faces  # of the triangulation that is made of new edges
-    crossings = CROSSINGS_WITH_STEINER_POINTS * size.crossings_per_root_face * math.sqrt(faces)
-    return 2.0 * points + (1.0 - share) * size.further_overlay_faces + 2.0 * share * crossings
+    crossings = CROSSINGS_WITH_STEINER_POINTS * size.delaunay.crossings_per_root_face * math.sqrt(faces)
+    return 2.0 * points + (1.0 - share) * size.delaunay.further_overlay_faces + 2.0 * share * crossings
 
 
 def _overlay_faces(further: float, points: float, size: InputSize, added: float) -> Use:

@@ -8,8 +8,9 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from ddgcli.choices import MAX_CROSSINGS, SYMMETRIC_METHODS
+from ddgcli.cli.forecast.facts import EdgePaths, GeodesicFacts
 from ddgcli.cli.forecast.mesh_facts import CURVE_SOURCES
-from ddgcli.cli.forecast.use import KNOWN, EdgePaths, InputSize, Range, Use, iterative_suffix
+from ddgcli.cli.forecast.use import KNOWN, InputSize, Range, Use, iterative_suffix
 
 __all__ = ["geodesic_kernels"]
 
@@ -50,16 +51,16 @@ def geodesic_kernels(options: Mapping[str, Any], size: InputSize) -> Iterator[Us
     method = options.get("method", "exact")
     solver = iterative_suffix(options) if method == "heat" else ""
     sources = max(1, len(options.get("source") or ()))
-    exact = method == "exact"
+    exact, facts = method == "exact", size.geodesic
     windows, assumes = (WINDOW_RANGE, "windows as on scans") if exact else (KNOWN, "")
-    if exact and size.paths is not None and size.paths.windows is not None:
+    if exact and facts.paths is not None and facts.paths.windows is not None:
         windows, assumes = COUNTED_WINDOW_RANGE, "windows as near the sources"
     further = 0.0
     if any(options.get(name) for name in SOURCE_OPTIONS):
-        share = _wavefront_share(method, size.paths, size.elements)
+        share = _wavefront_share(method, facts.paths, size.elements)
         times, further = (share, 0.0) if exact else (1.0, max(0.0, share - 1.0))
         yield Use(f"geodesic {method}{solver}", times, range=windows, assumes=assumes, once=exact)
-        reach_all = size.paths is None or size.paths.reach_all
+        reach_all = facts.paths is None or facts.paths.reach_all
         if exact and (not reach_all or any(options.get(name) for name in SOURCE_OPTIONS[1:])):
             yield Use("geodesic dijkstra", added=1.0)  # the certificate compares with distances along edges
     runs = sources if options.get("each_source") else 0
@@ -75,7 +76,7 @@ def geodesic_kernels(options: Mapping[str, Any], size: InputSize) -> Iterator[Us
     starts = sum(len(options.get(name) or ()) for name in ("source", "source_point", "source_face"))
     if starts > MAX_BRUTE_FORCE_STARTS or any(options.get(name) for name in CURVE_SOURCES):
         yield Use("geodesic many sources")  # the certificate searches the nearest one in a tree
-    if further := further + runs * _wavefront_share(method, size.paths_of_one, size.elements):
+    if further := further + runs * _wavefront_share(method, facts.paths_of_one, size.elements):
         yield Use(f"geodesic {method} solve{solver}", further, range=windows, assumes=assumes)
     for other in options.get("compare") or ():
         yield Use(f"geodesic {other}")
@@ -89,41 +90,42 @@ def geodesic_kernels(options: Mapping[str, Any], size: InputSize) -> Iterator[Us
         yield Use(f"geodesic vector-heat{iterative_suffix(options)}")
     if options.get("voronoi"):
         yield Use("geodesic voronoi")
-    yield from _curve_kernels(options, size)
+    yield from _curve_kernels(options, facts)
 
 
-def _curve_kernels(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
+def _curve_kernels(options: Mapping[str, Any], facts: GeodesicFacts) -> Iterator[Use]:
     """Curves, and their points: `lines` of level lines and rays, `others` of all other curves."""
     lines = others = 0.0
     if targets := len(options.get("path_to") or ()):
-        crossings = _path_length(size) * size.crossings_per_length
+        crossings = _path_length(facts) * facts.crossings_per_length
         others += targets * crossings
         yield Use("geodesic path", targets, added=targets, elements=crossings)
     if options.get("trace"):
         yield Use("geodesic trace")
         reflects = options.get("at_boundary") == "reflect"
-        crossings = sum(_crossings(length, size, stops=not reflects) for *_, length in options["trace"])
+        crossings = sum(_crossings(length, facts, stops=not reflects) for *_, length in options["trace"])
         others += crossings
         yield Use("geodesic crossings", added=1.0, elements=crossings)
-    if size.n_legs:
-        crossings = size.leg_length * size.crossings_per_length
-        others += size.n_legs * crossings
-        yield from _straightened_paths(options, crossings, size)
+    if facts.n_legs:
+        crossings = facts.leg_length * facts.crossings_per_length
+        others += facts.n_legs * crossings
+        yield from _straightened_paths(options, crossings, facts)
     if options.get("field"):
-        points, uses = _integral_curves(options, size)
+        points, uses = _integral_curves(options, facts)
         others += points
         yield from uses
     if rays := options.get("fan"):
         yield Use("geodesic fan")
-        crossings = rays * _fan_crossings(options["fan_length"], size)
+        crossings = rays * _fan_crossings(options["fan_length"], facts)
         lines += crossings
-        spread, assumes = (BOUNDARY_FAN_RANGE, "a smooth surface") if size.starts_at_boundary else (KNOWN, "")
+        at_boundary = facts.starts_at_boundary
+        spread, assumes = (BOUNDARY_FAN_RANGE, "a smooth surface") if at_boundary else (KNOWN, "")
         yield Use("geodesic fan crossings", added=1.0, elements=crossings, range=spread, assumes=assumes)
-        levels = LEVELS_PER_CROSSING * options["fan_length"] * size.crossings_per_length
+        levels = LEVELS_PER_CROSSING * options["fan_length"] * facts.crossings_per_length
         yield Use("geodesic fan levels", elements=rays * min(max(levels, LEAST_LEVELS), MOST_LEVELS))
     if levels := options.get("isolines"):
         yield Use("geodesic isolines", levels / MEASURED_ISOLINES, once=True)
-        points = _points_of_level(size)
+        points = _points_of_level(facts)
         lines += levels * points
         yield Use("geodesic level", levels, added=levels, elements=points)
     frame_options = [name for name in FRAMES_WRITTEN if options.get(name)]
@@ -137,50 +139,50 @@ def _curve_kernels(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]
         yield Use("write curves", files, added=added, elements=lines + others)
 
 
-def _path_length(size: InputSize) -> float:
+def _path_length(facts: GeodesicFacts) -> float:
     """Mean length of shortest paths."""
-    if size.paths is None or size.paths.target_length is None:
-        return size.extent
-    return size.paths.target_length / EDGE_PATH_DETOUR
+    if facts.paths is None or facts.paths.target_length is None:
+        return facts.extent
+    return facts.paths.target_length / EDGE_PATH_DETOUR
 
 
-def _points_of_level(size: InputSize) -> float:
+def _points_of_level(facts: GeodesicFacts) -> float:
     """Edges that a level line of the distance crosses, by the formula of Cauchy and Crofton.
 
     The gradient of the distance is 1, so that an edge meets on average 2 / pi of its length over the space
     between two levels.
     """
-    longest = None if size.paths is None else size.paths.longest_length
-    reach = size.extent if longest is None else longest / EDGE_PATH_DETOUR
-    return 2.0 / math.pi * size.total_edge_length / reach if reach else 0.0
+    longest = None if facts.paths is None else facts.paths.longest_length
+    reach = facts.extent if longest is None else longest / EDGE_PATH_DETOUR
+    return 2.0 / math.pi * facts.total_edge_length / reach if reach else 0.0
 
 
-def _straightened_paths(options: Mapping[str, Any], crossings: float, size: InputSize) -> Iterator[Use]:
+def _straightened_paths(options: Mapping[str, Any], crossings: float, facts: GeodesicFacts) -> Iterator[Use]:
     """Edge paths between way-points, and their straightening."""
     yield Use("geodesic edge path")
-    yield Use("geodesic leg", size.n_legs)
+    yield Use("geodesic leg", facts.n_legs)
     if not (options.get("straighten") or options.get("loop")):
-        yield Use("geodesic crossings", added=1.0, elements=size.n_legs * crossings)
+        yield Use("geodesic crossings", added=1.0, elements=facts.n_legs * crossings)
         return
     yield Use(
         "geodesic straighten",
         added=1.0,
-        elements=size.n_legs * crossings,
+        elements=facts.n_legs * crossings,
         range=(0.5, max(2.0, FLIP_RANGE_PER_CROSSING * crossings)),
         assumes="as few flips as on irregular triangles",
     )
 
 
-def _integral_curves(options: Mapping[str, Any], size: InputSize) -> tuple[float, list[Use]]:
+def _integral_curves(options: Mapping[str, Any], facts: GeodesicFacts) -> tuple[float, list[Use]]:
     """Points of integral curves, and the kernels that integrate them."""
     seeds = options.get("field_seeds") or FIELD_SEEDS
     if any(options.get(name) for name in SOURCE_OPTIONS):
         seeds = sum(len(options.get(name) or ()) for name in SOURCE_OPTIONS[:3])
-    length = 2.0 * size.extent if size.field_length is None else size.field_length
-    crossings = _crossings(length, size, stops=True)
+    length = 2.0 * facts.extent if facts.field_length is None else facts.field_length
+    crossings = _crossings(length, facts, stops=True)
     spread, assumes = KNOWN, ""
-    if size.steps is not None:
-        n_lines, n_rounds = float(size.steps), COARSE_STEPS * size.steps
+    if facts.field_steps is not None:
+        n_lines, n_rounds = float(facts.field_steps), COARSE_STEPS * facts.field_steps
     else:
         most = min(max(SMOOTH_STEPS, ROUGH_STEPS_PER_CROSSING * crossings), MAX_FIELD_STEPS)
         steps = math.sqrt(SMOOTH_STEPS * most)
@@ -204,20 +206,20 @@ def _integral_curves(options: Mapping[str, Any], size: InputSize) -> tuple[float
     ]
 
 
-def _fan_crossings(length: float, size: InputSize) -> float:
+def _fan_crossings(length: float, facts: GeodesicFacts) -> float:
     """Edges that a ray of a fan crosses.
 
     From the boundary many rays leave the surface soon: their lengths vary as those of random lines.
     """
-    if size.starts_at_boundary and math.isfinite(size.mean_chord):
-        length = size.mean_chord * -math.expm1(-length / size.mean_chord)
-    return _crossings(length, size, stops=True)
+    if facts.starts_at_boundary and math.isfinite(facts.mean_chord):
+        length = facts.mean_chord * -math.expm1(-length / facts.mean_chord)
+    return _crossings(length, facts, stops=True)
 
 
-def _crossings(length: float, size: InputSize, *, stops: bool) -> float:
+def _crossings(length: float, facts: GeodesicFacts, *, stops: bool) -> float:
     """Edges that a straight line of a length crosses; one that stops at the boundary ends there."""
-    reached = min(length, size.mean_chord) if stops else length
-    return min(reached * size.crossings_per_length, MAX_CROSSINGS)
+    reached = min(length, facts.mean_chord) if stops else length
+    return min(reached * facts.crossings_per_length, MAX_CROSSINGS)
 
 
 def _count(vertices: Any) -> int:

@@ -161,13 +161,13 @@ def _laplacian(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     solver = iterative_suffix(options)
     if options.get("poisson") or options.get("harmonic"):
         yield Use(f"laplacian poisson{solver}")
-    pairs = max(options.get("eigen") or 0, size.signature_pairs)
+    pairs = max(options.get("eigen") or 0, size.laplacian.signature_pairs)
     if pairs:
-        computed = pairs - size.n_components + 1  # the constants of the components are known
+        computed = pairs - size.laplacian.n_components + 1  # the constants of the components are known
         yield Use(f"laplacian eigen{solver}", elements=None if computed > 0 else 0)
         if (further := computed - MEASURED_EIGENPAIRS) > 0:
             use = Use(f"laplacian eigenpair{solver}", further, added=pairs - MEASURED_EIGENPAIRS)
-            copies = size.equal_components > MAX_FAST_COPIES
+            copies = size.laplacian.equal_components > MAX_FAST_COPIES
             yield replace(use, times=COPIES_FACTOR * further, **COPIES) if copies else use
     if options.get("smooth"):
         steps = (options.get("smooth_steps") or MEASURED_SMOOTHING_STEPS) / MEASURED_SMOOTHING_STEPS
@@ -182,7 +182,8 @@ def _laplacian(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     if options.get("form_eigen"):
         # the factor and the count of what is missing are most of the cost
         further = options["form_eigen"] - MEASURED_EIGENFORMS
-        elements = None if size.compactness == 1.0 else size.elements * size.compactness**COMPACTNESS_POWER
+        compactness = size.laplacian.compactness
+        elements = None if compactness == 1.0 else size.elements * compactness**COMPACTNESS_POWER
         per_pair = PAIRS_PER_SOLUTIONS if solver else PAIRS_PER_FACTOR
         times = 1.0 + further / per_pair
         if not solver:  # each vector is made orthogonal to all before it
@@ -249,15 +250,16 @@ def _tradeoff(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     if compared not in heaviest:  # mechanical examples, which fill no memory
         return
     yield from _KERNELS[compared](heaviest[compared], replace(size, steps=1))
-    elements = size.compared_share * min(size.elements, MAX_COMPARED_FACES)
+    elements = size.tradeoff.share * min(size.elements, MAX_COMPARED_FACES)
     times, assumes = 1.0, "rows as of a sphere"
-    if compared == "delaunay" and size.angle_deficit is not None:
-        refined = size.angle_deficit / max(DEFICIT_OF_MEASURED_FACE * size.elements, 1.0)
+    deficit = size.delaunay.angle_deficit
+    if compared == "delaunay" and deficit is not None:
+        refined = deficit / max(DEFICIT_OF_MEASURED_FACE * size.elements, 1.0)
         of_measured = 1.0 - REFINED_SHARE + REFINED_SHARE * refined
         times = of_measured * size.elements / max(elements, 1.0)
         assumes = "rows with Steiner points by angles"
     if compared == "curvature":
-        times, assumes = 1.0 - BALL_SHARE + BALL_SHARE * size.compared_work, "no noise to search"
+        times, assumes = 1.0 - BALL_SHARE + BALL_SHARE * size.tradeoff.ball_work, "no noise to search"
     yield Use(f"tradeoff {compared}", times, elements=elements, range=TRADEOFF_RANGE, assumes=assumes)
 
 

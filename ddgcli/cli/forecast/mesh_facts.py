@@ -11,7 +11,7 @@ from ddgcli.choices import DEFAULT_OFFSET_ANGLE
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from ddgcli.cli.forecast.use import EdgePaths
+    from ddgcli.cli.forecast.facts import EdgePaths
     from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
     from ddgcli.mesh.tet_mesh import TetMesh
     from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -245,7 +245,7 @@ def edge_paths(mesh: TriangleMesh, options: Mapping[str, Any]) -> tuple[EdgePath
     from ddgcli.algorithms.geodesics.edge_distance import edge_graph
     from ddgcli.algorithms.geodesics.exact.work import predicted_windows
     from ddgcli.algorithms.geodesics.sources import check_sources
-    from ddgcli.cli.forecast.use import EdgePaths
+    from ddgcli.cli.forecast.facts import EdgePaths
 
     sources = _source_vertices(mesh, options)
     targets = np.array(options.get("path_to") or (), dtype=np.int64)

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from ddgcli.choices import ITERATIVE_SOLVERS
+from ddgcli.cli.forecast.facts import (
+    CurvatureFacts,
+    DelaunayFacts,
+    GeodesicFacts,
+    LaplacianFacts,
+    TradeoffFacts,
+)
 
-__all__ = ["KNOWN", "EdgePaths", "InputSize", "Range", "Use", "iterative_suffix"]
+__all__ = ["KNOWN", "InputSize", "Range", "Use", "iterative_suffix"]
 
 Range = tuple[float, float]
 
@@ -17,146 +23,57 @@ KNOWN: Range = (1.0, 1.0)
 
 
 @dataclass(frozen=True)
-class EdgePaths:
-    """Edge paths from each vertex to the nearest source.
-
-    Parameters
-    ----------
-    total, longest : float
-        Edges of all paths and of the longest; a path counts at least as many as it is mean lengths long.
-    reach_all : bool
-        Whether there is one from each vertex.
-    windows : float, optional
-        Of exact distances, by those of the vertices nearest to the sources.
-    longest_length, target_length : float, optional
-        Length of the longest path, and mean length of those to the targets of shortest paths.
-    """
-
-    total: float
-    longest: float
-    reach_all: bool = True
-    windows: float | None = None
-    longest_length: float | None = None
-    target_length: float | None = None
-
-
-@dataclass(frozen=True)
 class InputSize:
-    """Size of an input.
+    """Size of an input, and the facts that single commands depend on.
 
     Parameters
     ----------
     kind : {'surface', 'tetrahedra', 'curve'}
     elements : int
         Faces, tetrahedra or points of curves; of several inputs the sum.
-    edge_length : float, optional
-        Mean length of an edge, for costs of neighbourhoods.
     steps : int, optional
         Steps of a simulation, where they are known.
+    adaptive : bool
+        `steps` counts frames, between which the steps adapt.
     frame_count : int
         Frames that are written or drawn.
     component_elements : int, optional
         Elements of the largest connected component; default all.
-    angle_deficit : float, optional
-        Sum over the faces of 1 - (smallest angle / angle of --refine), where that is positive.
-    angle_contrast : float, optional
-        Sum over the edges of the differences of log(smallest angle) between their faces, where the angles are
-        at most that of --refine.
-    corridor_aspect : float
-        Sum of the aspects beyond that of --refine over the faces between two pieces of the boundary.
-    most_points : float
-        Steiner points at which --refine stops without --max-points.
-    crossings_per_root_face : float
-        Crossings of the edges with those of another triangulation, over the root of the number of its faces.
-    further_overlay_faces : int
-        Of the common subdivision of the mesh and its intrinsic Delaunay triangulation, beyond those of the
-        mesh.
-    noise : str
-        Kind of the noise of the vertices that curvature searches, '' of none.
-    fitted_pairs : tuple of float
-        Vertices in the balls of a radius that the search for noise fits, for each radius.
-    sheared : bool
-        Whether curvature tries the neighbours of the Delaunay triangulation.
-    adaptive : bool
-        `steps` counts frames, between which the steps adapt.
-    paths, paths_of_one : EdgePaths, optional
-        From all sources together, and from the first alone.
-    ball_work : float, optional
-        Pairs of a ball with a vertex or face within the radius of curvature.
-    signature_pairs : int
-        Eigenpairs of heat kernel signatures.
-    crossings_per_length : float
-        Edges that a straight line of unit length crosses.
     picture_share : float
         Of the pixels of a picture, those that show the surface.
-    compactness : float
-        Boundary faces of a cube of as many tetrahedra over those of the solid, at most 1: thin solids have
-        small separators.
-    mean_chord : float
-        Mean length of straight lines from boundary to boundary.
-    starts_at_boundary : bool
-        The first source is a vertex of the boundary.
-    total_edge_length, extent : float
-        Of the mesh; half the diagonal of its bounding box.
-    n_legs : int
-        Pairs of successive way-points of straightened and edge paths.
-    leg_length : float
-        Mean distance in space between both.
-    field_length : float, optional
-        Length of an integral curve in its time; `steps` counts its fixed steps.
-    n_components, equal_components : int
-        Connected components, and the most that are alike.
-    offset_faces : int, optional
-        Of an offset body.
     n_curves : int
+        Of `curve-flow`.
     betti_number : int
-        Of the harmonic fields.
+        Of the harmonic fields of `hodge`.
     hole_triangles : float
-        Triangles among which the fillings of the holes are chosen.
-    compared_work : float
-        Seconds of the rows of a comparison with balls over those on a sphere.
-    compared_share : float
-        Share of the faces that all rows of a comparison would have within its budget.
+        Triangles among which `repair` chooses the fillings of the holes.
+    curvature, delaunay, geodesic, laplacian, tradeoff
+        Facts of these commands.
     """
 
     kind: str
     elements: int
-    edge_length: float | None = None
     steps: int | None = None
+    adaptive: bool = False
     frame_count: int = 1
     component_elements: int | None = None
-    angle_deficit: float | None = None
-    angle_contrast: float | None = None
-    corridor_aspect: float = 0.0
-    most_points: float = math.inf
-    crossings_per_root_face: float = 0.0
-    further_overlay_faces: int = 0
-    noise: str = ""
-    fitted_pairs: tuple[float, ...] = ()
-    sheared: bool = False
-    adaptive: bool = False
-    paths: EdgePaths | None = None
-    paths_of_one: EdgePaths | None = None
-    ball_work: float | None = None
-    signature_pairs: int = 0
-    n_components: int = 1
-    equal_components: int = 1
-    offset_faces: int | None = None
-    n_curves: int = 1
-    crossings_per_length: float = 0.0
-    mean_chord: float = math.inf
-    starts_at_boundary: bool = False
-    total_edge_length: float = 0.0
-    extent: float = 0.0
-    n_legs: int = 0
-    leg_length: float = 0.0
-    field_length: float | None = None
-    compactness: float = 1.0
     picture_share: float = 0.5
+    n_curves: int = 1
     betti_number: int = 0
     hole_triangles: float = 0.0
-    compared_work: float = 1.0
-    compared_share: float = 1.0
+    curvature: CurvatureFacts = CurvatureFacts()
+    delaunay: DelaunayFacts = DelaunayFacts()
+    geodesic: GeodesicFacts = GeodesicFacts()
+    laplacian: LaplacianFacts = LaplacianFacts()
+    tradeoff: TradeoffFacts = TradeoffFacts()
+
+    def with_curvature(self, **facts: Any) -> InputSize:
+        """A copy with other facts of `curvature`."""
+        return replace(self, curvature=replace(self.curvature, **facts))
+
+    def with_geodesic(self, **facts: Any) -> InputSize:
+        """A copy with other facts of `geodesic`."""
+        return replace(self, geodesic=replace(self.geodesic, **facts))
 
 
 @dataclass(frozen=True)
