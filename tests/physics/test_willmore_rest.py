@@ -138,7 +138,7 @@ def test_a_rise_of_the_second_energy_ends_the_flow(run, tmp_path):
     second = [setup.ENERGIES["cotan"].of(mesh).value(o.points) for o in observations]
     assert shots[-1].ending == endings.CRUMPLING and 1.005 < second[-1] / min(second) < 1.1
     ball = setup.build(shapes.icosphere(2), FlowOptions())[0]  # never below 4 pi: nothing to look at
-    assert ball.second_kind is None
+    assert ball.second is None
 
 
 def test_a_genus_two_surface_that_crumples_by_cotan_is_no_rest(run, tmp_path):
@@ -155,9 +155,9 @@ def test_a_genus_two_surface_that_crumples_by_cotan_is_no_rest(run, tmp_path):
     assert cured.exit_code == 0
     assert json.loads(cured.stdout)["results"]["energy"][-1] == pytest.approx(21.89, rel=0.04)
     options = FlowOptions(energy="cotan")
-    assert setup.build(shapes.torus(12, 8), options)[0].second_kind is not None
-    assert setup.build(shapes.icosphere(1), options)[0].second_kind is None  # the end is compared with 4 pi
-    assert setup.build(shapes.grid(4, 4), options)[0].second_kind is None  # `gauss-map` lacks the boundary
+    assert setup.build(shapes.torus(12, 8), options)[0].second is not None
+    assert setup.build(shapes.icosphere(1), options)[0].second is None  # the end is compared with 4 pi
+    assert setup.build(shapes.grid(4, 4), options)[0].second is None  # `gauss-map` lacks the boundary
 
 
 def test_advice_for_crumpled_ends_never_leads_back():

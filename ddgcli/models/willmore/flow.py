@@ -95,12 +95,12 @@ class Flow(FlowTerms):
         ending = self._rest_ending(state)
         if ending is None or ending.kind not in (EndingKind.AT_REST, EndingKind.MESH_ERROR):
             return ending
-        if state.energy > self.round_energy:
+        if state.energy > self.bounds.round_energy:
             return endings.FALSE_REST
         if self._has_crumpled(state):
             return endings.CRUMPLING
-        above = rules.FALSE_REST_FRACTION * self.least < state.energy < rules.KNOT_ENERGY
-        if self.to_torus and above and ending.kind == EndingKind.MESH_ERROR:
+        above = rules.FALSE_REST_FRACTION * self.bounds.least < state.energy < rules.KNOT_ENERGY
+        if self.bounds.to_torus and above and ending.kind == EndingKind.MESH_ERROR:
             return endings.FALSE_TORUS_REST
         return ending
 
@@ -122,11 +122,11 @@ class Flow(FlowTerms):
         size = size_across(at) if self.kind == "newton" else at.size
         if self.stop.gradient is not None and size <= self.stop.gradient:
             return endings.small_gradient(self.stop.gradient)
-        newton = self.kind == "newton" and self.second_kind is not None
+        newton = self.kind == "newton" and self.second is not None
         dt = self.longest if newton else state.dt
         near_rest = dt >= rules.NEAR_REST_STEP_FRACTION * self.longest
         # remeshing, where it succeeds, keeps the triangles good, so that going on is worth while
-        may_rest = not (self.remesh and state.remeshing.count and at.energy > self.round_energy)
+        may_rest = not (self.remesh and state.remeshing.count and at.energy > self.bounds.round_energy)
         if (
             self.stop.mesh_error
             and may_rest
@@ -253,7 +253,7 @@ class Flow(FlowTerms):
             return replace(state, ending=endings.LOWER_BOUND)
         stepped = replace(self._accepted(state, at, step.mesh, step.energy, 0.0), dt=step.next_length)
         if (
-            step.energy > self.round_energy
+            step.energy > self.bounds.round_energy
             and at.energy - step.energy < rules.LEAST_NEWTON_FALL * step.energy
         ):
             return replace(stepped, ending=endings.SLOW_NEWTON)
@@ -319,7 +319,7 @@ class Flow(FlowTerms):
         lowest, then = state.lowest_second, state.energy_then
         if (second_energy := self._terms(moved.topology).second) is not None:
             second = second_energy.value(moved.points)
-            high = self.crumpling_ratio is None or second > self.crumpling_ratio * energy
+            high = self.second is not None and self.second.shows_crumpling(second, energy)
             if high and rules.second_rises(second, lowest, then - energy):
                 agree = rules.agree(self._second(state), state.energy)
                 return replace(state, ending=endings.MESH_ERROR if agree else endings.CRUMPLING)

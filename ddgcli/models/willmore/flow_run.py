@@ -16,6 +16,7 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore import report, setup
 from ddgcli.models.willmore.flow import Flow
 from ddgcli.models.willmore.flow_options import FlowOptions, with_stop
+from ddgcli.models.willmore.option_checks import chosen_scheme
 from ddgcli.models.willmore.self_intersections import report_of
 from ddgcli.simulation.frames import mesh_of_frame
 from ddgcli.simulation.model import Model, Schedule
@@ -131,7 +132,7 @@ def flow_run(
         unfilled = mesh
         mesh, mask = fill_loops(mesh, fill)
     options = replace(options, timed=any(times.get(name) for name in ("step", "duration")))
-    setup.chosen_scheme(options)
+    chosen_scheme(options)
     bounded = any(times.get(name) for name in ("steps", "duration"))
     options = with_stop(options, mesh.topology, bounded)
     flow, model = setup.build(mesh, options, mask)

@@ -22,8 +22,10 @@ from ddgcli.models.willmore.descent import (
     preconditioner_at,
 )
 from ddgcli.models.willmore.energies import EnergyBuilder
+from ddgcli.models.willmore.least_energies import EnergyBounds
 from ddgcli.models.willmore.observation import counters, frame_of, measured
 from ddgcli.models.willmore.remesh_step import RemeshTarget
+from ddgcli.models.willmore.second_energy import SecondEnergy
 from ddgcli.models.willmore.state import FlowState, Stop
 from ddgcli.models.willmore.step_lengths import longest_step
 from ddgcli.simulation.model import Ending, Observation
@@ -58,17 +60,14 @@ class FlowTerms:
         At the start, at unit size.
     original : (n, 3) ndarray
         Positions at the start, of the input.
-    least : float
-        Lower bound of the smooth energy, 0 where none is known.
+    bounds : EnergyBounds
+        Of the smooth energy.
     keeps_triangles : bool
         Before and after steps to rest, vertices slide along the surface where angles are small, and edges
         flip.
     reported : mapping of str to callable
         Energies besides the one that the flow lowers, in every frame: Topology -> Energy.
-    second_kind : callable, optional
-        It shows bending that the first does not see: the flow ends where it rises.
-    crumpling_ratio : float, optional
-        Ratio of the second energy to the first, below which its rise ends no flow before rest.
+    second : SecondEnergy, optional
     of_area : bool
         The energy that steps to rest lower is an area, or a volume with the other sign.
     energy_power : int
@@ -81,12 +80,6 @@ class FlowTerms:
         Edges are split, collapse and flip before steps.
     by_pairs : bool
         Steps of the descent to rest are quasi-Newton motions by secant pairs (else with momentum).
-    round_energy : float
-        Energy above which a surface is not at rest, since it must become one of round spheres.
-    to_torus : bool
-        The surface is one torus, free to become that of Clifford, of the energy `least`.
-    lowest : float
-        Lower bound: an energy below it is discretisation error.
     ending_at_start : Ending or None
         Why no vertex moves.
     """
@@ -104,20 +97,16 @@ class FlowTerms:
     scale: float
     area: float
     original: NDArray[np.float64]
-    least: float
+    bounds: EnergyBounds
     keeps_triangles: bool = False
     reported: Mapping[str, EnergyBuilder] = field(default_factory=dict)
-    second_kind: EnergyBuilder | None = None
-    crumpling_ratio: float | None = None
+    second: SecondEnergy | None = None
     of_area: bool = False
     energy_power: int = 0
     kind: str = "descent"
     of_surface: bool = True
     remesh: RemeshTarget | None = None
     by_pairs: bool = False
-    round_energy: float = math.inf
-    to_torus: bool = False
-    lowest: float = -math.inf
     ending_at_start: Ending | None = None
     _last_terms: TopologyTerms | None = None
     _last_gradient: EnergyGradient | None = None
@@ -148,7 +137,7 @@ class FlowTerms:
     def _terms(self, topology: Topology) -> TopologyTerms:
         """What depends on the faces alone; that of the last topology is kept."""
         if self._last_terms is None or self._last_terms.topology is not topology:
-            second = None if self.second_kind is None else self.second_kind(topology)
+            second = None if self.second is None else self.second.builder(topology)
             self._last_terms = TopologyTerms(topology, self.energy_kind(topology), second, self.of_area)
         return self._last_terms
 
@@ -161,7 +150,7 @@ class FlowTerms:
         return math.inf if second is None else second.value(state.points)
 
     def _below_lower_bound(self, energy: float) -> bool:
-        return energy < self.lowest
+        return energy < self.bounds.lowest
 
     def _gradient(self, state: FlowState) -> EnergyGradient:
         """Gradient at the state; the last one is kept, since a rejected step starts there again."""

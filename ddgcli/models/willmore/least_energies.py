@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,28 @@ from ddgcli.models.willmore.constraints import area, reduced_volumes
 REDUCED_VOLUMES = np.array([0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9, 0.95, 1.0])
 LEAST_OF_VESICLES = np.array([1.956, 1.826, 1.643, 1.502, 1.387, 1.286, 1.190, 1.096, 1.0])
 POLYHEDRON_DEFICIT = 4.0  # number of faces times the share of a ball that they cut off; equilateral ones 1.9
+
+
+@dataclass(frozen=True)
+class EnergyBounds:
+    """What is known of the energies of smooth surfaces within the reach of a flow.
+
+    Parameters
+    ----------
+    least : float
+        Lower bound of the smooth energy, 0 where none is known.
+    lowest : float
+        Lower bound: an energy below it is discretisation error.
+    round_energy : float
+        Energy above which a surface is not at rest, since it must become one of round spheres.
+    to_torus : bool
+        The surface is one torus, free to become that of Clifford, of the energy `least`.
+    """
+
+    least: float = 0.0
+    lowest: float = -math.inf
+    round_energy: float = math.inf
+    to_torus: bool = False
 
 
 def is_spheres(topology: Topology) -> bool:

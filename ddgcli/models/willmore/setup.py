@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -10,32 +9,36 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.choices import WILLMORE_BOUNDARIES, WILLMORE_ENERGIES, WILLMORE_FLOWS
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.mesh.ragged import unique_keys
 from ddgcli.mesh.remedies import remedy
-from ddgcli.mesh.require import require
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore import step_rules as rules
 from ddgcli.models.willmore.component_ends import ComponentEnds
-from ddgcli.models.willmore.constraints import Constraints, area
+from ddgcli.models.willmore.constraints import area
 from ddgcli.models.willmore.endings import EMPTY_PATCH, immovable
 from ddgcli.models.willmore.energies import (
     DEFAULT_ENERGY,
     ENERGIES,
-    SECOND_ENERGIES,
-    EnergyBuilder,
     EnergyDefinition,
 )
 from ddgcli.models.willmore.films import FILM_CONVENTIONS, film_constraints, film_energy
 from ddgcli.models.willmore.flow import Flow
-from ddgcli.models.willmore.flow_options import SCHEMES, FlowOptions, chosen_boundary, chosen_energy, is_film
+from ddgcli.models.willmore.flow_options import FlowOptions, chosen_boundary, chosen_energy, is_film
 from ddgcli.models.willmore.helfrich_energy import unit_curvature, with_curvature
-from ddgcli.models.willmore.least_energies import is_spheres, is_torus, least_energy, lower_bound
+from ddgcli.models.willmore.least_energies import (
+    EnergyBounds,
+    is_spheres,
+    is_torus,
+    least_energy,
+    lower_bound,
+)
 from ddgcli.models.willmore.observation import relative_distance
+from ddgcli.models.willmore.option_checks import TIME_OPTIONS, check_options, chosen_scheme
 from ddgcli.models.willmore.remesh_step import RemeshTarget
 from ddgcli.models.willmore.scaled import centred_at_unit_size
+from ddgcli.models.willmore.second_energy import second_energy
 from ddgcli.models.willmore.self_intersections import self_intersections
 from ddgcli.models.willmore.state import FlowState, Remeshing
 from ddgcli.models.willmore.step_lengths import first_step
@@ -48,8 +51,6 @@ DEFAULT_FRAME_COUNT = 50
 DEFAULT_STEP, DEFAULT_CURVATURE_FLOW_STEP = 5e-3, 2e-3
 
 UNBOUNDED_ENERGIES = ("hinge", "quadratic", "circle-angle")  # no least energy of smooth surfaces is theirs
-# options of flows in time, which those to rest do not take
-TIME_OPTIONS = "`step`, `duration`, `tolerance`, `frame_every` and `integrator`"
 
 
 def free_vertices(topology: Topology, boundary: str, region: NDArray | None = None) -> NDArray[np.int64]:
@@ -114,91 +115,6 @@ def region_mask(region: NDArray, topology: Topology) -> NDArray[np.bool_]:
     return mask
 
 
-def _require_known(value: str, names: tuple[str, ...], parameter: str) -> None:
-    if value not in names:
-        raise ParameterError(
-            f"{value!r} is not available; choose one of {', '.join(names)}", parameter=parameter
-        )
-
-
-def schemes_of(flow: str) -> tuple[str, ...]:
-    """Time schemes of a flow, the default first.
-
-    Parameters
-    ----------
-    flow : str
-
-    Returns
-    -------
-    tuple of str
-
-    Raises
-    ------
-    ParameterError
-        When there is no such flow.
-    """
-    _require_known(flow, WILLMORE_FLOWS, "flow")
-    return SCHEMES[flow]
-
-
-def chosen_scheme(options: FlowOptions) -> str:
-    """Name of the time scheme: that of the options, or the flow's default.
-
-    Parameters
-    ----------
-    options : FlowOptions
-
-    Returns
-    -------
-    str
-
-    Raises
-    ------
-    ParameterError
-        When the flow has no such scheme, or follows no clock.
-    """
-    schemes = schemes_of(options.flow)
-    if options.integrator is None:
-        return schemes[0]
-    if options.integrator not in schemes:
-        raise ParameterError(
-            f"{options.integrator!r} is not available with `flow={options.flow}`; choose "
-            f"{' or '.join(schemes)}",
-            parameter="integrator",
-        )
-    if not options.timed:
-        raise ParameterError(
-            "needs `step` or `duration`; steps to rest have no time scheme", parameter="integrator"
-        )
-    return options.integrator
-
-
-def second_energy(
-    name: str, mesh: TriangleMesh, constraints: Constraints, curvature: float
-) -> EnergyBuilder | None:
-    """A second energy to look at where `gauss-map` or `cotan` may fall by crumpling.
-
-    Where nothing is kept on closed parts of genus 0, `gauss-map` cannot: there it is never below 4 pi, and at
-    4 pi only on round spheres; the end of `cotan` is compared with 4 pi.
-    """
-    round_only = is_spheres(mesh.topology) and not constraints.active
-    if name not in SECOND_ENERGIES or round_only or not mesh.topology.is_closed:
-        return None
-    if name != DEFAULT_ENERGY and curvature:  # the ratio of two Helfrich energies means nothing near zero
-        return None
-    return with_curvature(ENERGIES[SECOND_ENERGIES[name]].builder(mesh), curvature)
-
-
-def _require_rest(topology: Topology, name: str, options: FlowOptions) -> None:
-    """Raise ParameterError where steps to rest would shrink a closed surface to a point."""
-    conserved = options.fix_area or options.fix_volume or options.timed
-    if name == "quadratic" and options.flow != "mean-curvature" and topology.is_closed and not conserved:
-        raise ParameterError(
-            "energy 'quadratic' grows with the square of the size: a closed surface would shrink to a point; "
-            "use `fix_area`, `step` or another `energy`"
-        )
-
-
 def _moving_components(
     topology: Topology, options: FlowOptions, free: NDArray, film: bool
 ) -> NDArray[np.int64] | None:
@@ -229,24 +145,6 @@ def _moving_components(
     number = np.full(topology.n_components + 1, -1)
     number[moving] = np.arange(len(moving))
     return number[topology.vertex_component]
-
-
-def _require_conformal(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None) -> None:
-    """Raise MeshError or ParameterError where `flow=conformal` has no meaning."""
-    require(mesh, "`flow=conformal`", closed=True)
-    if mesh.topology.n_components != 1:
-        raise MeshError(
-            f"`flow=conformal` takes one component at a time: {remedy('components', mesh.topology)}"
-        )
-    if options.fix_area or options.fix_volume or options.spontaneous_curvature:
-        raise ParameterError(
-            "`flow=conformal` keeps the shapes of the triangles and the area, no volume and "
-            "no spontaneous curvature; use `flow=quadratic`"
-        )
-    if region is not None or options.timed:
-        raise ParameterError(
-            f"`flow=conformal` moves the whole surface to rest: leave `region`, {TIME_OPTIONS} out"
-        )
 
 
 def _remesh_target(
@@ -302,8 +200,7 @@ def build(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None = Non
     topology = mesh.topology
     energy_name, boundary = chosen_energy(topology, options), chosen_boundary(options)
     kind = options.flow if options.flow in ("conformal", "newton") else "descent"
-    _check(mesh, options, region, energy_name, boundary, kind)
-    scheme = chosen_scheme(options)
+    check_options(mesh, options, region, energy_name, boundary, kind)
     unit, centre, scale = centred_at_unit_size(mesh)
     free = free_vertices(topology, boundary, region)
     film = is_film(options, topology)
@@ -317,65 +214,55 @@ def build(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None = Non
             f"the {energy_name} energy is not finite here: at some vertex the faces' normals cancel; "
             "unfold it or use `energy=cotan`"
         )
-    is_bounded = not (film or energy_name in UNBOUNDED_ENERGIES)
-    least = (
-        least_energy(unit, options.fix_area and options.fix_volume) if is_bounded and not curvature else 0.0
-    )
-    is_newton_vesicle = (
-        kind == "newton" and options.fix_area and options.fix_volume and energy_name == DEFAULT_ENERGY
-    )
     has_second = options.flow not in ("conformal", "mean-curvature")
     second = second_energy(energy_name, unit, constraints, curvature) if has_second else None
     to_rest = kind != "conformal" and not (options.timed or film)
-    has_free_shape = (
-        to_rest and not constraints.active and len(free) == np.count_nonzero(topology.referenced_vertex)
-    )
-    becomes_round = has_free_shape and is_spheres(topology)
+    is_unconstrained = not constraints.active and len(free) == np.count_nonzero(topology.referenced_vertex)
+    is_bounded = not (film or energy_name in UNBOUNDED_ENERGIES)
     cannot_crumple = second is None and topology.is_closed and energy_name == DEFAULT_ENERGY
-    n_vertices = 1 if options.remesh else mesh.n_vertices  # how many a remeshed surface has is open
     reported = ENERGIES if options.report_energy else {}
     flow = Flow(
         topology=topology, energy_kind=energy_kind,
         convention=_convention(definition, options, film, curvature), free=free, constraints=constraints,
-        mean_curvature=options.flow == "mean-curvature" and not film, scheme=scheme, timed=options.timed,
-        stop=options.stop, centre=centre, scale=scale, area=area(unit), original=mesh.points, least=least,
-        lowest=lower_bound(unit, least, start_energy, curvature * is_bounded, is_newton_vesicle),
+        mean_curvature=options.flow == "mean-curvature" and not film, scheme=chosen_scheme(options),
+        timed=options.timed, stop=options.stop, centre=centre, scale=scale, area=area(unit),
+        original=mesh.points,
+        bounds=_energy_bounds(
+            unit, options, energy_name, curvature, start_energy, is_bounded, to_rest and is_unconstrained
+        ),
         ending_at_start=_ending_at_start(free, boundary, region),
         keeps_triangles=not options.timed and kind != "conformal" and (film or definition.keeps_triangles),
         of_area=film, kind=kind, of_surface=definition.of_surface,
         remesh=_remesh_target(unit, options, scale, kind, energy_name),
         by_pairs=to_rest and kind == "descent" and cannot_crumple and not options.remesh,
-        round_energy=rules.round_energy(energy_name, least, n_vertices) if becomes_round else math.inf,
-        to_torus=has_free_shape and least > 0.0 and is_torus(topology),
         energy_power=(3 if options.fix_area else 2) if film else 0,
         reported={name: reported_definition.builder(unit) for name, reported_definition in reported.items()},
-        second_kind=second,
-        crumpling_ratio=None if energy_name == DEFAULT_ENERGY else rules.CRUMPLING_RATIO,
+        second=second,
     )  # fmt: skip
     return flow, _model(flow, unit, start_energy, options)
 
 
-def _check(
-    mesh: TriangleMesh,
+def _energy_bounds(
+    unit: TriangleMesh,
     options: FlowOptions,
-    region: NDArray | None,
     energy_name: str,
-    boundary: str,
-    kind: str,
-) -> None:
-    """Raise the errors of options that the flow of a kind cannot take."""
-    _require_known(energy_name, WILLMORE_ENERGIES, "energy")
-    _require_known(boundary, WILLMORE_BOUNDARIES, "boundary")
-    if options.report_energy not in (None, "all"):
-        raise ParameterError(f"{options.report_energy!r}: write all", parameter="report_energy")
-    _require_rest(mesh.topology, energy_name, options)
-    if options.boundary is not None and mesh.topology.is_closed:
-        logging.getLogger("ddgcli").warning("`boundary` has no effect on a closed surface")
-    chosen_scheme(options)
-    if kind == "conformal":
-        _require_conformal(mesh, options, region)
-    if kind == "newton" and options.timed:
-        raise ParameterError(f"`flow=newton` goes to rest: leave {TIME_OPTIONS} out, or use `flow=quadratic`")
+    curvature: float,
+    start_energy: float,
+    is_bounded: bool,
+    has_free_shape: bool,
+) -> EnergyBounds:
+    """What is known of the energies within reach; a surface with a free shape goes to rest unconstrained."""
+    keeps_both = options.fix_area and options.fix_volume
+    least = least_energy(unit, keeps_both) if is_bounded and not curvature else 0.0
+    is_newton_vesicle = options.flow == "newton" and keeps_both and energy_name == DEFAULT_ENERGY
+    n_vertices = 1 if options.remesh else unit.n_vertices  # how many a remeshed surface has is open
+    becomes_round = has_free_shape and is_spheres(unit.topology)
+    return EnergyBounds(
+        least,
+        lower_bound(unit, least, start_energy, curvature * is_bounded, is_newton_vesicle),
+        rules.round_energy(energy_name, least, n_vertices) if becomes_round else math.inf,
+        has_free_shape and least > 0.0 and is_torus(unit.topology),
+    )
 
 
 def _convention(definition: EnergyDefinition, options: FlowOptions, film: bool, curvature: float) -> str:

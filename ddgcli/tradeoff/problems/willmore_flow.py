@@ -15,6 +15,7 @@ from ddgcli.mesh.require import require
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore import setup
 from ddgcli.models.willmore.energies import ENERGIES
+from ddgcli.models.willmore.option_checks import chosen_scheme, schemes_of
 from ddgcli.models.willmore.report import FLAT_ENERGY
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.model import RunFailed
@@ -65,7 +66,7 @@ def problem(
     lowered = _lowered(fixed_options)
     work = 1e-2 + 1e-5 * mesh.n_faces
     flow_options = setup.FlowOptions(flow=flow, timed=True, integrator=options.get("integrator"))
-    schemes = (setup.chosen_scheme(flow_options),) if flow_options.integrator else setup.schemes_of(flow)
+    schemes = (chosen_scheme(flow_options),) if flow_options.integrator else schemes_of(flow)
     return Problem(
         candidates=[
             *(
