@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from ddgcli.errors import SolveError
 from ddgcli.linalg.low_rank import negative_eigenvalues_of_sum
 from ddgcli.mechanics.admissible import longest_fraction
-from ddgcli.mechanics.increment import Increment, worst
+from ddgcli.mechanics.increment import Increment, Point, worst
 from ddgcli.mechanics.objective import MOVE_TOLERANCE, Objective
 from ddgcli.mechanics.rigid_motions import moves_freely, unsupported_fields
 from ddgcli.mechanics.system import System
@@ -46,8 +46,7 @@ class Equilibrium:
         objective, increment = self.objective, Increment(0.0, start)
         enough = MOVE_TOLERANCE * self.system.size
         point, before = objective.at(increment, start), np.inf
-        unit = self._unit(increment, start)
-        self._moves_freely = moves_freely(self.system, start)
+        unit, self._moves_freely = self._unit(increment, start), moves_freely(self.system, start)
         shift, exact_allowed, near, imbalance, moves = unit, False, 0, np.inf, 0
         for iteration in range(1, MAX_EQUILIBRIUM_ITERATIONS + 1):
             if iteration in TURNS_AT:
@@ -55,10 +54,7 @@ class Equilibrium:
                 moves += count
                 if end is not None and unstable_directions(self.system, end.y) == 0:
                     point, shift, exact_allowed, before = end, NO_SHIFT * unit, True, np.inf
-            g = objective.gradient(increment, point.y)
-            if not np.isfinite(point.value) or not np.isfinite(g).all():
-                raise StepRejected(Cause.NOT_FINITE, worst(g))
-            self._check_travel(point.y - start)
+            g = self._gradient(increment, point, start)
             try:
                 move, exact_used = self._direction(increment, point.y, g, exact_allowed, shift)
             except SolveError as error:
@@ -73,10 +69,7 @@ class Equilibrium:
                     return point.y, iteration + moves  # what is left has the direction of rounding
                 raise
             size = float(np.abs(move).max())
-            before_search = point
-            t, point = objective.search(increment, point, move, float(np.vdot(g, move)))
-            if t < 1.0 and exact_used and self._contracts(increment, before_search.y, move):
-                t, point = 1.0, objective.at(increment, before_search.y + move)
+            t, point = self._searched(increment, point, move, g, exact_used)
             if t == 0.0 and size > enough:
                 if shift >= MAX_SHIFT * unit:
                     raise StepRejected("line search", worst(g), float(np.abs(g).max()))
@@ -85,8 +78,7 @@ class Equilibrium:
             shift = shift / 10 if t == 1.0 else shift * (1.0 if t > 0.1 else 4.0)
             exact_allowed = shift < 1e-3 * unit and t == 1.0
             quick = exact_used and t == 1.0 and size < before < np.inf
-            following = size * size / before if quick else size
-            following = max(following, objective.solver(increment).error * size)
+            following = max(size * size / before if quick else size, objective.solver(increment).error * size)
             before = size if t == 1.0 else np.inf
             if following <= enough:
                 missing, imbalance = imbalance, self._imbalance(increment, point.y)
@@ -96,6 +88,29 @@ class Equilibrium:
                 # short because of the shift, where the shell is soft; or long beside a small displacement
                 near, shift, exact_allowed, before = near + 1, SHIFT_CUT * shift, True, np.inf
         raise StepRejected("newton", worst(g), size)
+
+    def _gradient(self, increment: Increment, point: Point, start: NDArray) -> NDArray[np.float64]:
+        """The gradient at a point.
+
+        Raises
+        ------
+        StepRejected
+            It is not finite, or the point is too far from the start.
+        """
+        g = self.objective.gradient(increment, point.y)
+        if not np.isfinite(point.value) or not np.isfinite(g).all():
+            raise StepRejected(Cause.NOT_FINITE, worst(g))
+        self._check_travel(point.y - start)
+        return g
+
+    def _searched(
+        self, increment: Increment, point: Point, move: NDArray, g: NDArray, exact: bool
+    ) -> tuple[float, Point]:
+        """Share of a move that a line search takes, and the point there; all of exact moves that contract."""
+        t, end = self.objective.search(increment, point, move, float(np.vdot(g, move)))
+        if t < 1.0 and exact and self._contracts(increment, point.y, move):
+            return 1.0, self.objective.at(increment, point.y + move)
+        return t, end
 
     def _imbalance(self, increment: Increment, y: NDArray) -> float:
         """The largest force on a free vertex, over the largest of a single term on any vertex."""

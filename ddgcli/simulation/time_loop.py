@@ -367,13 +367,32 @@ def _check_tolerance(active: ActiveModel, tolerance: float, time: float) -> None
         )
 
 
+def _doubled_step(
+    active: ActiveModel, schedule: Schedule, first: int, time: float, dt: float, events: list[Event]
+) -> tuple[Any, float]:
+    """The state after two half steps, and its distance from the state after the whole one."""
+    distance = active.model.distance
+    if distance is None:
+        raise ParameterError("this model has no error measure: give a step", parameter="tolerance")
+    whole = _advanced(active, schedule, active.state, first, time, dt, events)
+    half = _advanced(active, schedule, active.state, first, time, dt / 2, events)
+    state = _advanced(active, schedule, half, first, time + dt / 2, dt / 2, events)
+    return state, max(distance(whole, state), ROUNDING)
+
+
+def _constant_error(active: ActiveModel, time: float, error: float, tolerance: float) -> SolveError:
+    """The error of steps whose error does not fall with their length."""
+    return SolveError(
+        f"t = {time:.6g} {active.model.time_unit}, {active.name}: the error of a step stays at "
+        f"{error:.2g} however short the step; give a step instead of the tolerance {tolerance:g}"
+    )
+
+
 def _advance_adaptively(
     active: ActiveModel, schedule: Schedule, first: int, last: int, events: list[Event]
 ) -> None:
     """Step doubling: accept two half steps where they differ from the whole one by at most the tolerance."""
     model, tolerance = active.model, schedule.tolerance or 1.0
-    if model.distance is None:
-        raise ParameterError("this model has no error measure: give a step instead of a tolerance")
     time, end = first * schedule.dt, last * schedule.dt
     if schedule.steps * schedule.dt > MAX_STEP_COUNT * model.largest_step:
         raise _unstable(active, MAX_STEP_COUNT, "the run;")
@@ -383,10 +402,7 @@ def _advance_adaptively(
         pieces = max(1, math.ceil((end - time) / min(active.next_dt, model.largest_step) - 1e-9))
         dt = (end - time) / pieces
         try:
-            whole = _advanced(active, schedule, active.state, first, time, dt, events)
-            half = _advanced(active, schedule, active.state, first, time, dt / 2, events)
-            state = _advanced(active, schedule, half, first, time + dt / 2, dt / 2, events)
-            error = max(model.distance(whole, state), ROUNDING)
+            state, error = _doubled_step(active, schedule, first, time, dt, events)
         except StepRejected as rejected:
             detail = _logged(active, rejected, first, time, dt, events)
             if schedule.on_failure == "stop" or dt < shortest:
@@ -397,13 +413,9 @@ def _advance_adaptively(
             active.next_dt = doubling.failed() or dt / 4
             continue
         growth = 0.9 * (tolerance / error) ** (1 / (model.order + 1))
-        if (
-            growth < 1 and dt < shortest
-        ):  # also after an accepted step, since the next ones would get shorter and shorter
-            raise SolveError(
-                f"t = {time:.6g} {active.model.time_unit}, {active.name}: the error of a step stays at "
-                f"{error:.2g} however short the step; give a step instead of the tolerance {tolerance:g}"
-            )
+        if growth < 1 and dt < shortest:
+            # also after an accepted step, since the next ones would get shorter and shorter
+            raise _constant_error(active, time, error, tolerance)
         if error > tolerance:
             _check_tolerance(active, tolerance, time)
             detail = f"step of {dt:.3g} {active.model.time_unit} too long"

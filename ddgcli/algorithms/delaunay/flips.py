@@ -129,6 +129,22 @@ def shape_of(a: NDArray, b: NDArray, c: NDArray) -> tuple[tuple[NDArray, NDArray
         return (r / x, r / y, r / z), cotan_sum
 
 
+def _flipped_length(
+    tangent: NDArray, after: NDArray, before: NDArray, across: NDArray, beside: NDArray
+) -> NDArray:
+    """(k,) length of kl; `across` holds il and jk, `beside` ki and lj, the lengths of sides `before`.
+
+    It is seen from the nearer of i and j: (p - q)^2 + 4 p q sin^2(angle / 2), a sum of squares.
+    """
+    (il, jk), (ki, lj) = across, beside
+    near_i = ki + il <= jk + lj
+    p, q = np.where(near_i, ki, jk), np.where(near_i, il, lj)
+    t0 = tangent.take(np.where(near_i, after[0], before[0]))
+    t1 = tangent.take(np.where(near_i, before[1], after[1]))
+    squared = (t0 + t1) ** 2 / ((1.0 + t0 * t0) * (1.0 + t1 * t1))
+    return np.asarray(np.sqrt((p - q) ** 2 + 4.0 * p * q * squared))
+
+
 def flip(state: SideArrays, side: NDArray, *, force: bool = False) -> NDArray:
     """Flip the edges of `side`, no two of which share a face; returns the sides that were flipped.
 
@@ -142,17 +158,8 @@ def flip(state: SideArrays, side: NDArray, *, force: bool = False) -> NDArray:
     if state.twisted is not None:
         turned = state.twisted.take(side)
         after[1], before[1] = np.where(turned, before[1], after[1]), np.where(turned, after[1], before[1])
-    across, beside = state.length.take(after[::-1]), state.length.take(before)
-    (il, jk), (ki, lj) = across, beside
-
-    # the new length, seen from the nearer of i and j: (p - q)^2 + 4 p q sin^2(angle / 2), a sum of squares
-    near_i = ki + il <= jk + lj
-    p, q = np.where(near_i, ki, jk), np.where(near_i, il, lj)
-    t0 = state.tangent.take(np.where(near_i, after[0], before[0]))
-    t1 = state.tangent.take(np.where(near_i, before[1], after[1]))
-    squared = (t0 + t1) ** 2 / ((1.0 + t0 * t0) * (1.0 + t1 * t1))
-    kl = np.sqrt((p - q) ** 2 + 4.0 * p * q * squared)
-
+    across, beside = state.length.take(after[::-1]), state.length.take(before)  # il, jk; ki, lj
+    kl = _flipped_length(state.tangent, after, before, across, beside)
     tangent, cotan_sum = shape_of(across, kl, beside)  # of (i, l, k) and (j, k, l): opposite il, kl, ki
     if force:
         better = np.isfinite(cotan_sum).all(axis=0)

@@ -161,14 +161,7 @@ def _laplacian(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     solver = iterative_suffix(options)
     if options.get("poisson") or options.get("harmonic"):
         yield Use(f"laplacian poisson{solver}")
-    pairs = max(options.get("eigen") or 0, size.laplacian.signature_pairs)
-    if pairs:
-        computed = pairs - size.laplacian.n_components + 1  # the constants of the components are known
-        yield Use(f"laplacian eigen{solver}", elements=None if computed > 0 else 0)
-        if (further := computed - MEASURED_EIGENPAIRS) > 0:
-            use = Use(f"laplacian eigenpair{solver}", further, added=pairs - MEASURED_EIGENPAIRS)
-            copies = size.laplacian.equal_components > MAX_FAST_COPIES
-            yield replace(use, times=COPIES_FACTOR * further, **COPIES) if copies else use
+    yield from _eigenpairs(options, size, solver)
     if options.get("smooth"):
         steps = (options.get("smooth_steps") or MEASURED_SMOOTHING_STEPS) / MEASURED_SMOOTHING_STEPS
         yield Use(f"laplacian smooth{solver}", steps, once=True)
@@ -180,15 +173,37 @@ def _laplacian(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
             assumes="as few iterations as on a disk" if iterates else "",
         )
     if options.get("form_eigen"):
-        # the factor and the count of what is missing are most of the cost
-        further = options["form_eigen"] - MEASURED_EIGENFORMS
-        compactness = size.laplacian.compactness
-        elements = None if compactness == 1.0 else size.elements * compactness**COMPACTNESS_POWER
-        per_pair = PAIRS_PER_SOLUTIONS if solver else PAIRS_PER_FACTOR
-        times = 1.0 + further / per_pair
-        if not solver:  # each vector is made orthogonal to all before it
-            times += (further / PAIRS_PER_ORTHOGONAL_BASIS) ** 2
-        yield Use(f"laplacian form-eigen{solver}", times, elements=elements)
+        yield _eigenforms(options["form_eigen"], size, solver)
+    yield from _evolution(options, size, solver)
+
+
+def _eigenpairs(options: Mapping[str, Any], size: InputSize, solver: str) -> Iterator[Use]:
+    """Kernels of eigenpairs, and of those of heat kernel signatures."""
+    pairs = max(options.get("eigen") or 0, size.laplacian.signature_pairs)
+    if pairs:
+        computed = pairs - size.laplacian.n_components + 1  # the constants of the components are known
+        yield Use(f"laplacian eigen{solver}", elements=None if computed > 0 else 0)
+        if (further := computed - MEASURED_EIGENPAIRS) > 0:
+            use = Use(f"laplacian eigenpair{solver}", further, added=pairs - MEASURED_EIGENPAIRS)
+            copies = size.laplacian.equal_components > MAX_FAST_COPIES
+            yield replace(use, times=COPIES_FACTOR * further, **COPIES) if copies else use
+
+
+def _eigenforms(count: int, size: InputSize, solver: str) -> Use:
+    """Kernel of eigenforms."""
+    # the factor and the count of what is missing are most of the cost
+    further = count - MEASURED_EIGENFORMS
+    compactness = size.laplacian.compactness
+    elements = None if compactness == 1.0 else size.elements * compactness**COMPACTNESS_POWER
+    per_pair = PAIRS_PER_SOLUTIONS if solver else PAIRS_PER_FACTOR
+    times = 1.0 + further / per_pair
+    if not solver:  # each vector is made orthogonal to all before it
+        times += (further / PAIRS_PER_ORTHOGONAL_BASIS) ** 2
+    return Use(f"laplacian form-eigen{solver}", times, elements=elements)
+
+
+def _evolution(options: Mapping[str, Any], size: InputSize, solver: str) -> Iterator[Use]:
+    """Kernels of heat and waves."""
     if options.get("heat"):
         # steps cost nothing, frames do; a smooth start takes a third of the solves of a vertex
         known = str(options["heat"]).isdigit()

@@ -77,22 +77,17 @@ def run_scene(
     read = mesh_reader(run, document)
     simulator = build(scene, account, read, array_reader(document))
     scene = simulator.scene
-    meshes, schedule = list(simulator.meshes.values()), simulator.schedule()
+    meshes = list(simulator.meshes.values())
     resolved, digest = fingerprint(scene.resolved(), simulator.sha256)
     describe_input(run, call.path or "", meshes, digest)
     check_unchanged(call.resume, resolved)
-    size = scene_size(meshes, schedule)
+    size = scene_size(meshes, simulator.schedule())
     facts = {"integrator": scene.time.integrator, **simulator.cost_facts()}
     prediction = run.predict(size, facts)
+    recorded_input = {"input_sha256": digest, "overrides": overrides, "folder": document.folder}
+    scene_texts = {"scene_source": document.source, "scene_resolved": resolved}
     with run.clock.timed("compute"):
-        models = simulator.models()
-    job = Job(
-        models, meshes, schedule, account, simulator.moving, call.resume,
-        {"input_sha256": digest, "overrides": overrides, "folder": document.folder, **time_label(scene)},
-        {"scene_source": document.source, "scene_resolved": resolved}, simulator.face(),
-        obstacle_meshes(scene.objects, meshes, read), simulator.obstacle_poses,
-        simulator.failure_reason, simulator.final, simulator.final_names, simulator.splits, simulator.splits,
-    )  # fmt: skip
+        job = _job(simulator, account, call.resume, recorded_input, scene_texts, read)
     check_job(run, job)
     if call.common.dry_run and prediction is not None:
         _dry_run(run, simulator, job, size, facts, prediction)
@@ -108,6 +103,24 @@ def run_scene(
 
     run.plot(draw)
     run.finish(results, accuracy, converged=not (outcome.failure or outcome.failure_reason))
+
+
+def _job(
+    simulator: SceneModel,
+    account: Account,
+    resume: str | None,
+    recorded_input: dict[str, Any],
+    scene_texts: dict[str, Any],
+    read: ReadMesh,
+) -> Job:
+    """The models of a scene, and what a run of them records."""
+    scene, meshes = simulator.scene, list(simulator.meshes.values())
+    return Job(
+        simulator.models(), meshes, simulator.schedule(), account, simulator.moving, resume,
+        {**recorded_input, **time_label(scene)}, scene_texts, simulator.face(),
+        obstacle_meshes(scene.objects, meshes, read), simulator.obstacle_poses,
+        simulator.failure_reason, simulator.final, simulator.final_names, simulator.splits, simulator.splits,
+    )  # fmt: skip
 
 
 def _dry_run(

@@ -1,7 +1,8 @@
 """Thin elastic shells: stretching, bending, gravity, loads, pins, damping, contact.
 
 `scene` declares what a scene may hold, `shell_scene` goes from a scene to models and from their frames to
-results, `model` builds the systems, `report` measures a run; each effect is one module.
+results, `model` builds the systems, `group_model` their models, `report` measures a run; each effect is one
+module.
 """
 
 __all__ = [
@@ -12,6 +13,7 @@ __all__ = [
     "dry_run",
     "epochs",
     "gravity",
+    "group_model",
     "groups",
     "hinge",
     "last_frame",

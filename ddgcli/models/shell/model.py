@@ -5,23 +5,17 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.errors import ParameterError, SolveError, counted
-from ddgcli.mechanics.driving import driving_work
-from ddgcli.mechanics.integrators import ARC_LENGTH, INTEGRATORS, Step
-from ddgcli.mechanics.rounding import least_tolerance
-from ddgcli.mechanics.stability import stable_step
-from ddgcli.mechanics.system import LINEAR_SOLVER, Motion, System
+from ddgcli.errors import counted
+from ddgcli.mechanics.system import Motion, System
 from ddgcli.mechanics.terms import (
     DeadLoad,
     FixedCoordinates,
     Memory,
-    PlasticMemory,
     Potential,
     PrescribedMotion,
     ProportionalLoad,
@@ -29,20 +23,16 @@ from ddgcli.mechanics.terms import (
 )
 from ddgcli.mesh.requirements import unmet_need
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import row_cross
-from ddgcli.models.shell.checkpoint import packed, unpacked
 from ddgcli.models.shell.context import ShellContext
-from ddgcli.models.shell.equilibrium_advice import load_advice, needle_advice
+from ddgcli.models.shell.group_model import group_model
 from ddgcli.models.shell.groups import Group, groups, terms_between
-from ddgcli.models.shell.observations import observed
-from ddgcli.models.shell.stretch_limit import StretchLimit, has_stretch_limit
 from ddgcli.models.shell.tensor_potential import TensorPotential
 from ddgcli.scenes.scene import Scene
 from ddgcli.scenes.sections import Key
 from ddgcli.scenes.shapes import PlacedMesh, place
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.effects import Effect
-from ddgcli.simulation.model import Ending, Model
+from ddgcli.simulation.model import Model
 
 SIZE_RANGE = (1e-60, 1e60)  # m: a Hessian of bending holds the fourth power of a length
 LEAST_MASS = 1e-140  # kg, of a vertex
@@ -190,7 +180,7 @@ def models(scene: Scene, shells: dict[str, ShellContext], systems: dict[str, Sys
     dict of str to Model
     """
     own: dict[str, Model] = {
-        group.name: _model(scene, group, systems[group.name]) for group in groups(scene, shells)
+        group.name: group_model(scene, group, systems[group.name]) for group in groups(scene, shells)
     }
     fractures = [section for effect, section, _ in scene.effects if effect.name == "fracture"]
     if not fractures:
@@ -206,7 +196,7 @@ def models(scene: Scene, shells: dict[str, ShellContext], systems: dict[str, Sys
 
         def build(epoch: Group, account: Account = account) -> tuple[System, Model[Motion]]:
             system = _group_system(scene, epoch, account)
-            return system, _model(scene, epoch, system)
+            return system, group_model(scene, epoch, system)
 
         own[group.name] = breaking_model(scene, group, broken, build, account)
     return own
@@ -333,124 +323,3 @@ def _require_face_arrays(scene: Scene, context: ShellContext) -> None:
             scene.refuse(("object",), f'face_arrays: {name} needs bending = {{ model = "midedge" }}')
         if not name.endswith("moment") and not strains:
             scene.refuse(("object",), f'face_arrays: {name} needs stretching = {{ model = "stvk" }}')
-
-
-def _model(scene: Scene, group: Group, system: System) -> Model[Motion]:
-    """Model of a group of shells for the time loop."""
-    integrator, parameters = INTEGRATORS[scene.time.integrator], scene.time
-    if getattr(parameters, "arc_length", None):
-        integrator = ARC_LENGTH
-    x = np.array(system.start)
-    shells, meshes = group.shells.values(), [context.mesh for context in group.shells.values()]
-    v = np.where(system.free, np.concatenate([_initial_velocity(context) for context in shells]), 0.0)
-    x, v, _ = system.prescribed_state(x, v, v)
-    if integrator.order == 0:
-        v = np.zeros_like(x)  # equilibria have no motion
-    step_size = scene.schedule().dt
-    with np.errstate(all="ignore"):
-        a = system.acceleration(x, v, step_size)
-    past = (x, v, np.zeros(1)) if integrator.multistep else ()
-    start = Motion(x, v, a, memory=tuple(term.initial() for term in system.memories), past=past)
-    start = _constrained(scene, system, start)
-    size, reach = system.size, integrator.reach(parameters)
-    _check_tolerance(scene, scene.time.tolerance, least_tolerance(x, size))
-    in_balance = integrator.order == 0 and any(isinstance(term, PlasticMemory) for term in system.memories)
-    stretch_limit = StretchLimit(group) if has_stretch_limit(system) else None
-
-    def advanced(step: Step, motion: Motion, time: float, dt: float) -> Motion:
-        before = motion if integrator.own_time else replace(motion, time=time)
-        current = system.with_memory_at(motion.memory)
-        current.begin_step()
-        if in_balance:
-            from ddgcli.mechanics.yielding import yielding_equilibrium
-
-            after, memory = yielding_equilibrium(
-                system, before, lambda yielded, guess: step(yielded, guess, dt, parameters)
-            )
-        else:
-            after = step(current, before, dt, parameters)
-            memory = system.committed(after.x, motion.memory)
-        if LINEAR_SOLVER in system.cache:
-            system.cache[LINEAR_SOLVER].release()  # the next step has a matrix of its own
-        past = (before.x, before.v, np.array([dt])) if integrator.multistep else ()
-        end = after.time if integrator.own_time else time + dt
-        if stretch_limit is not None:
-            stretch_limit.check(after.x, end)
-        later = system.with_memory_at(memory) if in_balance else current
-        work = 0.0
-        if system.driven:
-            work = driving_work(current, before, replace(after, time=end), dt, later, integrator.acts_at)
-        if not in_balance and any(
-            "work" in new and new is not old for new, old in zip(memory, motion.memory)
-        ):
-            # the next step begins with the forces of what has yielded: else their work is lost
-            softer = system.with_memory_at(memory).at(end)
-            after = replace(after, a=softer.acceleration(after.x, after.v, dt))
-        return replace(after, time=end, work=motion.work + work, memory=memory, past=past)
-
-    def advance(motion: Motion, time: float, dt: float) -> Motion:
-        try:
-            return advanced(integrator.step, motion, time, dt)
-        except SolveError as error:
-            raise SolveError("; ".join(filter(None, [str(error), needle_advice(meshes)]))) from error
-
-    def rescue(motion: Motion, time: float, dt: float) -> Motion:
-        return advanced(integrator.rescue or integrator.step, motion, time, dt)
-
-    limit = stable_step(system, x, reach)
-    return Model(
-        start, advance, partial(observed, group, system, step_size), packed,
-        partial(unpacked, system, integrator.multistep), limit,
-        lambda a, b: float(np.abs(a.x - b.x).max()) / size, integrator.order,
-        rescue=rescue if integrator.rescue is not None and np.isinf(reach) else None,
-        stop=partial(_load_reached, parameters.duration) if integrator.own_time else None,
-        clock=(lambda motion: motion.time) if integrator.own_time else None,
-        advice=partial(load_advice, system, parameters, meshes) if integrator.order == 0 else None,
-        # what nothing holds moves rigidly first
-        iterations=None if system.free.all() or np.isfinite(reach) else lambda motion: float(motion.newton),
-        least_tolerance=lambda motion: least_tolerance(motion.x, size),
-    )  # fmt: skip
-
-
-def _check_tolerance(scene: Scene, tolerance: float | None, least: float) -> None:
-    """Refuse a tolerance that no step can meet, because positions are rounded."""
-    if tolerance is None or scene.time.integrator == "static" or tolerance >= least:
-        return
-    reason = (
-        f"{tolerance:g} is below {least:.2g}, what rounding of the positions leaves of the size in any step; "
-        f"give {2 * least:.1g} or more, or `step` without it"
-    )
-    if scene.document.data.get("time", {}).get("tolerance") == tolerance:
-        scene.refuse(("time", "tolerance"), f"tolerance = {reason}")
-    raise ParameterError(reason, parameter="tolerance")  # no line of the scene holds it
-
-
-def _constrained(scene: Scene, system: System, motion: Motion) -> Motion:
-    """The motion at the start with velocities that change no rigid edge, and multipliers."""
-    if not system.constraints:
-        return motion
-    from ddgcli.mechanics.constraints import Projection, redundant
-
-    (edges,) = system.constraints
-    try:
-        count = redundant(system, edges, motion.x)
-        if count:
-            raise SolveError(
-                f"the lengths of {count} of the edges follow from the others (a flat surface with vertices "
-                "inside is stiff already); name fewer edges"
-            )
-        v, _ = Projection(system, edges, motion.x).tangent(motion.v)
-    except SolveError as error:
-        scene.refuse(("effects", "rigid"), f"rigid: {error}")
-    return replace(motion, v=v, multipliers=np.zeros(len(edges.length)))
-
-
-def _load_reached(duration: float, motion: Motion) -> Ending | None:
-    """Ending of an equilibrium path at the whole load."""
-    return Ending("complete", "the whole load is reached") if motion.time >= duration else None
-
-
-def _initial_velocity(context: ShellContext) -> NDArray[np.float64]:
-    shell, x = context.shell, context.mesh.points
-    centre = (context.mass[:, None] * x).sum(axis=0) / context.mass.sum()
-    return np.array(shell.velocity) + row_cross(np.array(shell.angular_velocity), x - centre)

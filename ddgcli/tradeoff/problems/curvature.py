@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from typing import Literal
@@ -33,6 +34,7 @@ RADII: dict[str, tuple[float | None, ...]] = {
 }
 
 Radius = float | Literal["auto"] | None  # in length units; None is the scheme's own region
+TimedReference = tuple[float, Callable[[], Reference]]  # with the estimated seconds
 DETAIL_KINDS = ("rough", "uneven", "partial")  # of noise, which bodies with details of a few edges have too
 
 # fits in balls of so many edges err 1 (details, noise) to 17 times (spheres of like edges) as much as those
@@ -56,6 +58,42 @@ def problem(
         raise MeshError(f"{why}: no mean curvature to compare")
     # in mean edges: larger balls hold every component whole
     most = float(component_extents(mesh).max()) / 2 / edge
+    proposal = proposed_balls(mesh)
+    rows = _rows(options, proposal, edge)
+    fits = [
+        options.get("radius") is not None or not isinstance(radius, float) or radius < most * edge
+        for _, radius in rows
+    ]
+    left_out = [
+        (f"{s} radius={_label(r, edge)}", "its balls hold the mesh whole")
+        for (s, r), fit in zip(rows, fits)
+        if not fit
+    ]
+    if options.get("radius") is not None:
+        left_out.append(("cotan with a radius", "it has none"))
+    if truth is not None and truth.mean_curvature is not None:
+        values = np.where(inside, truth.mean_curvature(mesh.points), np.nan)
+        truth_reference = Reference.from_truth(truth.name, values)
+        references: list[TimedReference] = [(0.0, lambda: truth_reference)]
+    elif proposal is None and most <= 2 and rows:
+        raise ParameterError(
+            "the mesh is too coarse to compare with: a ball of two mean edges holds it whole; state its "
+            "`truth`, or give a finer mesh"
+        )
+    else:
+        references = _references(mesh, inside, edge, most, proposal)
+    return Problem(
+        candidates=[_candidate(mesh, *row, edge) for row, fit in zip(rows, fits) if fit],
+        references=references,
+        error=relative_to_rms,
+        error_scale="the root mean square of the reference's mean curvature",
+        query="mesh",
+        left_out=tuple(left_out),
+    )
+
+
+def _rows(options: CommandOptions, proposal: ProposedBalls | None, edge: float) -> list[tuple[str, Radius]]:
+    """Schemes and radii that are compared."""
     radius_option = options.get("radius")
     if isinstance(radius_option, str) and radius_option != "auto":
         raise ParameterError(f"must be a length or 'auto', not {radius_option!r}", parameter="radius")
@@ -66,52 +104,28 @@ def problem(
         for radius in ([r and r * edge for r in radii] if radius_option is None else (radius_option,))
         if scheme != "cotan" or radius is None
     ]
-    proposal = proposed_balls(mesh)
     proposed_row = proposal and (proposal.scheme, proposal.radius)
     if proposed_row and radius_option is None and options.get("scheme") in (None, proposed_row[0]):
         rows.insert(1, proposed_row)  # early, so that the time budget covers it
-    if truth is not None and truth.mean_curvature is not None:
-        values = np.where(inside, truth.mean_curvature(mesh.points), np.nan)
-        truth_reference = Reference.from_truth(truth.name, values)
-        references = [(0.0, lambda: truth_reference)]
-    elif proposal is not None:
-        work = (
-            _work(mesh, None) + _work(mesh, proposal.radius, edge) + _work(mesh, proposal.other_radius, edge)
-        )
-        references = [(work, partial(_compared_balls, mesh, inside, proposal))]
-    elif most <= 2 and rows:
-        raise ParameterError(
-            "the mesh is too coarse to compare with: a ball of two mean edges holds it whole; state its "
-            "`truth`, or give a finer mesh"
-        )
-    else:
-        work = _work(mesh, None)
-        references = [
-            (
-                work + sum(_work(mesh, radius) for radius in (2.0, WIDE_RADIUS, 4.0)),
-                lambda: _compared(mesh, inside, edge, (2.0, 4.0)),
-            ),
-            (work + _work(mesh, 2.0), lambda: _compared(mesh, inside, edge, (2.0,))),
-        ][most <= 4 :]
-    fits = [
-        radius_option is not None or not isinstance(radius, float) or radius < most * edge
-        for _, radius in rows
-    ]
-    left_out = [
-        (f"{s} radius={_label(r, edge)}", "its balls hold the mesh whole")
-        for (s, r), fit in zip(rows, fits)
-        if not fit
-    ]
-    if radius_option is not None:
-        left_out.append(("cotan with a radius", "it has none"))
-    return Problem(
-        candidates=[_candidate(mesh, *row, edge) for row, fit in zip(rows, fits) if fit],
-        references=references,
-        error=relative_to_rms,
-        error_scale="the root mean square of the reference's mean curvature",
-        query="mesh",
-        left_out=tuple(left_out),
-    )
+    return rows
+
+
+def _references(
+    mesh: TriangleMesh, inside: NDArray, edge: float, most: float, proposal: ProposedBalls | None
+) -> list[TimedReference]:
+    """References without a truth, the best first: proposed balls, or fits and balls of up to `most` edges."""
+    work = _work(mesh, None)
+    if proposal is not None:
+        radii = (proposal.radius, proposal.other_radius)
+        work += sum(_work(mesh, radius, edge) for radius in radii)
+        return [(work, partial(_compared_balls, mesh, inside, proposal))]
+    return [
+        (
+            work + sum(_work(mesh, radius) for radius in (2.0, WIDE_RADIUS, 4.0)),
+            lambda: _compared(mesh, inside, edge, (2.0, 4.0)),
+        ),
+        (work + _work(mesh, 2.0), lambda: _compared(mesh, inside, edge, (2.0,))),
+    ][most <= 4 :]
 
 
 def mean_curvature(mesh: TriangleMesh, scheme: str, radius: Radius) -> NDArray[np.float64]:
