@@ -12,7 +12,7 @@ import numpy as np
 
 from benchmarks.common.process import MeasuredProcess, measured_command
 from benchmarks.costs.inputs import make_input
-from benchmarks.costs.tasks import Task
+from benchmarks.costs.task import Task
 from ddgcli.cli.forecast.coefficients import Cost
 from ddgcli.cli.forecast.prediction import fill, probe
 
