@@ -184,7 +184,9 @@ def renamed_parameters(default: str | None = None, /, **names: str) -> Iterator[
         raise
 
 
-def named_array(arrays: Mapping[str, T], name: str, what: str = "array") -> T:
+def named_array(
+    arrays: Mapping[str, T], name: str, what: str = "array", *, parameter: str | None = None
+) -> T:
     """Look up an array by its name.
 
     Parameters
@@ -193,6 +195,8 @@ def named_array(arrays: Mapping[str, T], name: str, what: str = "array") -> T:
     name : str
     what : str
         Kind of array in the message.
+    parameter : str, optional
+        That names the array.
 
     Returns
     -------
@@ -205,7 +209,7 @@ def named_array(arrays: Mapping[str, T], name: str, what: str = "array") -> T:
     """
     if name not in arrays:
         names = ", ".join(sorted(arrays)) or "none"
-        raise ParameterError(f"no {what} {name!r}; choose one of: {names}")
+        raise ParameterError(f"no {what} {name!r}; choose one of: {names}", parameter=parameter)
     return arrays[name]
 
 

@@ -236,9 +236,10 @@ class Run:
         shown, written : collection of str, optional
             Names of the arrays that the results will have: those of --show and of --colors.
         """
-        for name, arrays in ((self.common.show, shown), (self.common.colors, written)):
+        common = self.common
+        for option, name, arrays in (("show", common.show, shown), ("colors", common.colors, written)):
             if name is not None and arrays is not None:
-                named_array(dict.fromkeys(arrays), name)
+                named_array(dict.fromkeys(arrays), name, parameter=option)
         if self._source is not None:
             check_mesh(self.command, self.common, self._source.mesh)
         if self.common.dry_run and self._predicted is not None:

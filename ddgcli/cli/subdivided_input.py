@@ -73,15 +73,17 @@ def subdivided_input(source: MeshInput, times: int) -> SubdividedInput:
     return SubdividedInput(**(of_input | changed), base=source, subdivision=subdivision)
 
 
-def input_function(source: MeshInput, name: str, *, at_midpoints: float | None = None) -> tuple[NDArray, str]:
+def input_function(
+    source: MeshInput, name: str, parameter: str, *, at_midpoints: float | None = None
+) -> tuple[NDArray, str]:
     """`input_array` as a function on the mesh of the run: linear from vertices, constant on faces.
 
     Arrays of the input, and of files with one value (or row) for each of its vertices or faces, follow the
     subdivision; other files belong to the subdivided mesh. `at_midpoints` replaces the means at new vertices.
     """
     if not isinstance(source, SubdividedInput):
-        return input_array(source, name)
-    array, place = input_array(source.base, name)
+        return input_array(source, name, parameter=parameter)
+    array, place = input_array(source.base, name, parameter=parameter)
     base, subdivision = source.base.surface, source.subdivision
     if place in ("vertex", "") and len(array) == base.n_vertices:
         values = subdivision.vertex_values(array)

@@ -53,7 +53,8 @@ def to_face_frame(mesh: SurfaceMesh, face: NDArray, vector: NDArray) -> NDArray[
     """
     if not isinstance(mesh, TriangleMesh):
         raise ParameterError(
-            "a mesh without positions has no directions in space; use 2 numbers in the frame of the face"
+            "a mesh without positions has no directions in space; use 2 numbers in the frame of the face",
+            parameter="vector",
         )
     x, y = face_axes(mesh, face)
     return np.stack([row_dot(vector, x), row_dot(vector, y)], axis=1)

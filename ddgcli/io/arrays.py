@@ -16,7 +16,7 @@ from ddgcli.mesh.tet_mesh import parity
 ELEMENTS = ("vertex", "face", "edge")
 
 
-def input_array(source: Any, name: str) -> tuple[NDArray, str]:
+def input_array(source: Any, name: str, *, parameter: str | None = None) -> tuple[NDArray, str]:
     """Array of the input by its name, or of a file by its path.
 
     Parameters
@@ -24,6 +24,8 @@ def input_array(source: Any, name: str) -> tuple[NDArray, str]:
     source : MeshInput
     name : str
         An array of the input, or a file (`.npy`, `.npz` with one array, `.csv`, `.txt`).
+    parameter : str, optional
+        The parameter that names it, for errors.
 
     Returns
     -------
@@ -43,7 +45,8 @@ def input_array(source: Any, name: str) -> tuple[NDArray, str]:
     names += [f"{array} (whole mesh)" for array in source.whole]
     raise ParameterError(
         f"no array {name!r} in the input (its arrays: {', '.join(names) or 'none'}), and no such file; "
-        f"name one of these, or a {', '.join(READERS)} file"
+        f"name one of these, or a {', '.join(READERS)} file",
+        parameter=parameter,
     )
 
 
@@ -216,7 +219,7 @@ def input_field(source: Any, name: str | None, path: str | None) -> tuple[NDArra
 
 def _aligned_array(source: Any, name: str) -> tuple[NDArray, str]:
     """`input_array`, with edge values in the order and orientation of the mesh's edges."""
-    array, place = input_array(source, name)
+    array, place = input_array(source, name, parameter="name")
     if place == "edge" and "edges" in source.edge:
         mesh_edges = source.mesh.edges if source.kind == "tetrahedra" else source.mesh.topology.edges
         array = aligned_edge_values(mesh_edges, source.edge["edges"], array)

@@ -89,11 +89,16 @@ def write_picture(
     with atomic_output(os.fspath(path)) as target:
         if isinstance(shape, CurveSet):
             if len(curves) or edges:
-                raise ParameterError("curves and edges are drawn on a surface, not on curves")
+                raise ParameterError(
+                    "consists of curves, and `curves` and `edges` are drawn on a surface", parameter="mesh"
+                )
             _draw_curve_set(target, shape, array, label, look)
             return
         if not isinstance(shape, TriangleMesh):
-            raise ParameterError("an intrinsic triangulation has no positions; draw its input mesh")
+            raise ParameterError(
+                "is an intrinsic triangulation and has no positions; draw its input mesh",
+                parameter="mesh",
+            )
         _check_length(array, (shape.n_vertices, shape.n_faces))
         draw_array(target, shape, label, array, curves=curves, edges=edges, **look)
 
@@ -118,7 +123,7 @@ def _array_of(mesh: Any, values: str | ArrayLike | None) -> NDArray | None:
         return None
     if isinstance(values, str):
         arrays = {**getattr(mesh, "face", {}), **getattr(mesh, "vertex", {})}
-        return np.asarray(named_array(arrays, values), dtype=np.float64)
+        return np.asarray(named_array(arrays, values, parameter="values"), dtype=np.float64)
     return np.asarray(values, dtype=np.float64)
 
 

@@ -146,7 +146,7 @@ def smallest_eigenpairs(
     n = L.shape[0]
     check_memory(8.0 * n * VECTORS_PER_PAIR * k, f"{k} eigenvectors of {n} unknowns", "compute fewer")
     if not 1 <= k <= n:
-        raise ParameterError(f"{k} eigenpairs of a matrix with {n} unknowns; compute 1 to {n}")
+        raise ParameterError(f"{k} eigenpairs of a matrix with {n} unknowns; compute 1 to {n}", parameter="k")
     groups = _groups_of_scale(L, M)
     if len(groups) > 1:
         solved = [

@@ -50,7 +50,8 @@ def lowest_eigenpairs(
     """
     heavy = np.flatnonzero(mass > 0)
     if not 1 <= k <= len(heavy):
-        raise ParameterError(f"{k} eigenpairs of {len(heavy)} free coordinates; compute 1 to {len(heavy)}")
+        n = len(heavy)
+        raise ParameterError(f"{k} eigenpairs of {n} free coordinates; compute 1 to {n}", parameter="k")
     root = np.zeros(len(mass))
     root[heavy] = np.sqrt(mass[heavy])
     scaled = abs(stiffness)[heavy][:, heavy].multiply(1 / root[heavy]).tocsr()

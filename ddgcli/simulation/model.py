@@ -347,7 +347,9 @@ def check_times(options: Mapping[str, Any]) -> None:
         raise ParameterError(f"must be {MAX_STEP_COUNT:g} or less", parameter="steps")
     duration, step = options.get("duration"), options.get("step")
     if options.get("tolerance") is not None and duration is None:
-        raise ParameterError("`tolerance` needs `duration`, the time over which it chooses the steps")
+        raise ParameterError(
+            "needs `duration`, the time over which it chooses the steps", parameter="tolerance"
+        )
     if duration is None:
         return
     if step is not None and step > duration * (1 + 1e-9):

@@ -228,7 +228,7 @@ def test_bends_on_a_one_sided_surface_have_both_angles(summary, tmp_path):
         (["--source", "0", "1", "--log-map", "--method", "fast-marching"], "one source"),
         (["--source", "0", "--log-map", "--method", "dijkstra"], "--method fast-marching"),
         (["--source", "0", "--paths-output", "x.vtp"], "no curves"),
-        (["--field", "nothing"], "no array 'nothing'"),
+        (["--field", "nothing"], "--field: no array 'nothing'"),
         (["--field-time", "1", "--trace", TRACE], "belongs to --field"),
         (["--field-order", "2", "--trace", TRACE], "belongs to --field"),
         (["--source", "0", "--at-boundary", "reflect"], "belongs to --trace"),

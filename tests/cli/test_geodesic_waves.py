@@ -151,7 +151,7 @@ def test_the_fan_goes_to_the_paths_output_with_its_levels(square, summary, tmp_p
         (("--signed-distance", "label", "--method", "dijkstra"), "--signed-distance: has no method dijkstra"),
         (("--source-edges", "label", "--tolerance", 0.1), "--tolerance: needs sources at vertices"),
         (("--source-boundary", "--log-map"), "--log-map: starts at vertices or points"),
-        (("--source-edges", "nothing"), "no array 'nothing'"),
+        (("--source-edges", "nothing"), "--source-edges: no array 'nothing'"),
         (("--source", 0, "--target", 5000, "--distance-matrix", "m.npz"), "5000 is outside 0..80"),
         (("--source-boundary", "--target", 5, "--distance-matrix", "m.npz"), "source vertices only"),
         (("--source", 0, "--paths-output", "lines.vtp"), "--paths-output: has no curves"),

@@ -152,7 +152,7 @@ def test_edges_of_the_input_may_be_turned(tmp_path, summary):
 @pytest.mark.parametrize(
     "words, message_part",
     [
-        (["--field", "nothing"], "no array 'nothing'"),
+        (["--field", "nothing"], "--field: no array 'nothing'"),
         (["--field", "a", "--field-file", "b.npy"], "give one"),
         (["--field-file", "missing.npy"], "no such file"),
     ],

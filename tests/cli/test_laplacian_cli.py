@@ -185,7 +185,7 @@ REFUSALS = {
     ("--harmonic", "--fix", "0=1", "--fix", "0=2"): "two values",
     ("--harmonic", "--fix", "0=nan"): "not finite",
     ("--harmonic", "--fix", "zero"): "ID=VALUE",
-    ("--poisson", "nothing"): "no array 'nothing'",
+    ("--poisson", "nothing"): "--poisson: no array 'nothing'",
     ("--smooth", -1): "--smooth",
     ("--smooth-steps", 3): "--smooth",
     ("--smooth-flow", "conformalized"): "--smooth",

@@ -69,7 +69,7 @@ def test_operators_and_subdivisions_restrict_the_rows(summary, run, saddle, tmp_
         (("--mass", "voronoi"), "--mass changes nothing"),
         (
             ("--operator", "tufted"),
-            "tufted defines no map; compare intrinsic-delaunay and cotan",
+            "--operator: tufted defines no map; compare intrinsic-delaunay and cotan",
         ),
         (("--truth", "plane"), "--truth: maps are compared with conformal ones"),
     ],

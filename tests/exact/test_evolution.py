@@ -346,7 +346,7 @@ def test_the_command_writes_all_frames_to_a_trajectory_and_the_last_to_a_mesh(sp
         (("--heat", "bump", "--wave", "bump", "--duration", 1), "--heat: and --wave exclude"),
         (("--heat", "bump", "--duration", 1, "--eigen", 3), "--heat: is a run of its own"),
         (("--heat", "bump", "--duration", 1, "--matrix", "L.npz"), "--heat: is a run of its own"),
-        (("--heat", "nothing", "--duration", 1), "no array 'nothing'"),
+        (("--heat", "nothing", "--duration", 1), "--heat: no array 'nothing'"),
         (
             ("--heat", 3, "--duration", 1, "--dt", 2),
             "--dt: 2 is longer than the duration of 1; give 1 or less",

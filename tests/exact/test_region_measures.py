@@ -213,7 +213,7 @@ def test_the_command_writes_the_offset_body(cube, summary, tmp_path):
     [
         (("--offset-output", "o.ply"), "--offset-output: belongs to --offset"),
         (("--offset-angle", 3), "belongs to --offset; give that too, or leave this out"),
-        (("--region", "nothing"), "no array 'nothing'"),
+        (("--region", "nothing"), "--region: no array 'nothing'"),
         (("--region", "0,0,0:-1"), "not greater than 0"),
         (("--offset", 0), "not greater than 0"),
     ],

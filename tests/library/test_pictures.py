@@ -52,7 +52,7 @@ def test_curves_and_tetrahedra_have_pictures(tmp_path):
     ("arguments", "message"),
     [
         ({"path": "a.gif"}, "pictures are .png, .svg, .pdf"),
-        ({"values": "H"}, "no array 'H'"),
+        ({"values": "H"}, "values: no array 'H'"),
         ({"values": [1.0, 2.0]}, "values: has shape (2,); it needs 288 or 576 entries"),
         ({"view": "top"}, "view: 'top' is not one of x, y, z, iso"),
         ({"mesh": ddg.intrinsic_delaunay(TORUS)}, "no positions"),

@@ -161,7 +161,7 @@ def test_volume_preserving_flow_in_time_decays_at_its_rate():
     "mesh, words, message",
     [
         (ellipsoid(1), ("--fix-area", "--fix-volume"), "--flow quadratic"),
-        (ellipsoid(1), ("--fix-volume", "--energy", "cotan"), "leave --energy out"),
+        (ellipsoid(1), ("--fix-volume", "--energy", "cotan"), "--energy: has no effect on films"),
         (rings(0.5, 8), ("--fix-area",), "closed"),
         (shapes.grid(4, 4), ("--fix-volume",), "no volume"),
     ],

@@ -266,7 +266,7 @@ def test_three_hundred_thousand_faces_are_drawn_in_five_seconds_of_processor_tim
     [
         ((), "add -o page.html"),
         (("-o", "page.txt"), "unknown format .txt"),
-        (("-o", "page.html", "--array", "nothing"), "no array 'nothing'"),
+        (("-o", "page.html", "--array", "nothing"), "--array: no array 'nothing'"),
     ],
 )
 def test_wrong_calls_are_refused_in_one_line(run, sphere, tmp_path, monkeypatch, words, text):

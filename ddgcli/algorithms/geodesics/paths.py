@@ -363,7 +363,7 @@ def reversed_paths(mesh: SurfaceMesh, paths: SurfacePaths) -> SurfacePaths:
         When a path is closed.
     """
     if paths.closed.any():
-        raise ParameterError("closed paths cannot be reversed; give open paths")
+        raise ParameterError("closed paths cannot be reversed; give open paths", parameter="paths")
     order = np.concatenate(
         [np.zeros(0, dtype=np.int64)]
         + [np.arange(b - 1, a - 1, -1) for a, b in zip(paths.start[:-1], paths.start[1:], strict=True)]

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from ddgcli.algorithms.tracing.batch import VERTEX_TOLERANCE, TraceBatch
 from ddgcli.algorithms.tracing.lines import BOUNDARY_STATUS, END_STATUS, FAILURE_STATUS, LineStart, Traces
 from ddgcli.choices import MAX_CROSSINGS, TRACE_BOUNDARIES
-from ddgcli.errors import MeshError, ParameterError, counted
+from ddgcli.errors import MeshError, ParameterError, counted, renamed_parameters
 from ddgcli.geometry.face_frames import to_face_frame, to_space
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.geometry.unfolding import APEX, Fans, Unfolding, unfold, vertex_fans
@@ -300,7 +300,8 @@ def check_start(
     size = np.abs(direction).max(axis=1, initial=0.0)
     planar = direction / np.where(size > 0, size, 1.0)[:, None]
     if direction.shape[1] == 3:
-        planar = to_face_frame(mesh, face, planar)
+        with renamed_parameters(vector="direction"):
+            planar = to_face_frame(mesh, face, planar)
     norm = np.hypot(planar[:, 0], planar[:, 1])
     bad = np.flatnonzero((norm <= 1e-14) | (size == 0))
     if len(bad):

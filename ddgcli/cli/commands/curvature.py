@@ -152,7 +152,11 @@ def _surface(
     from ddgcli.mesh.fields import AnnotatedMesh
 
     mesh = source.surface
-    image = None if map_name is None else named_array(source.vertex, map_name, "vertex array")
+    image = (
+        None
+        if map_name is None
+        else named_array(source.vertex, map_name, "vertex array", parameter="map_name")
+    )
     arguments = surface_arguments(source, measures)
     full = run.common.exceeds_short_summary
     with renamed_parameters(image="map_name", regions="region"):

@@ -87,7 +87,7 @@ def surface_arguments(read: MeshInput, measures: MeasureOptions) -> dict[str, An
 def _input_array(read: MeshInput, name: str) -> tuple[NDArray, str]:
     from ddgcli.io.arrays import input_array
 
-    return input_array(read, name)
+    return input_array(read, name, parameter="region")
 
 
 def write_offset(run: Run, path: str | None, body: OffsetBody | None) -> None:

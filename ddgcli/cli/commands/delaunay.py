@@ -106,7 +106,9 @@ def command(
     run.plan_output(dual, INTRINSIC_FORMATS + LINE_FORMATS)
     lines = dual is not None and not dual.lower().endswith(INTRINSIC_FORMATS)
     source = run.read(mesh_path, subdivide=subdivide)
-    transferred = {name: named_array(source.vertex, name, "vertex array") for name in transfer}
+    transferred = {
+        name: named_array(source.vertex, name, "vertex array", parameter="transfer") for name in transfer
+    }
 
     from ddgcli.algorithms.delaunay.intrinsic_delaunay import check_query, intrinsic_delaunay
     from ddgcli.mesh.fields import AnnotatedMesh

@@ -350,7 +350,7 @@ def _array_name(source: Trajectory, settings: dict[str, Any]) -> str | None:
 
         scalars = [name for name, values in arrays.items() if values.ndim == 1]
         return first_quantity(scalars) if settings["array"] is None else None
-    named_array(arrays, settings["array"])
+    named_array(arrays, settings["array"], parameter="array")
     return str(settings["array"])
 
 

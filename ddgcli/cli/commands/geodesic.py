@@ -76,7 +76,7 @@ def command(
         from ddgcli.cli.forecast.curve_facts import field_facts
         from ddgcli.cli.subdivided_input import input_function
 
-        field = input_function(read, curves.field)
+        field = input_function(read, curves.field, "field")
         facts = field_facts(mesh, field[0], run.options)
         run.predict_with(lambda size: size.with_geodesic(**facts))
     if subdivide:

@@ -9,7 +9,7 @@ import click
 
 from ddgcli.algorithms.geodesics.query import DistanceQuery, WaveQuery
 from ddgcli.cli.options import POSITIVE_NUMBER, Ids, grouped_options
-from ddgcli.errors import ParameterError
+from ddgcli.errors import ParameterError, renamed_parameters
 
 if TYPE_CHECKING:
     from ddgcli.algorithms.geodesics.edge_sets import EdgeSet
@@ -86,8 +86,10 @@ def _edge_set(read: MeshInput, name: str, parameter: str) -> EdgeSet:
         curves = read_mesh(name, None).mesh
         if not isinstance(curves, CurveSet):
             raise ParameterError(f"{name} holds no polylines; write line cells", parameter=parameter)
-        return edge_set(mesh, curve_pairs(mesh, curves.points, curves.lines), "pairs", parameter=parameter)
-    array, place = input_array(read, name)
+        with renamed_parameters(parameter):
+            pairs = curve_pairs(mesh, curves.points, curves.lines)
+        return edge_set(mesh, pairs, "pairs", parameter=parameter)
+    array, place = input_array(read, name, parameter=parameter)
     if place == "edge" and "edges" in read.edge:
         array = aligned_edge_values(mesh.topology.edges, read.edge["edges"], array)
     return edge_set(mesh, array, place, parameter=parameter)

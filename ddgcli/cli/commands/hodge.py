@@ -11,6 +11,7 @@ from ddgcli.cli import options
 from ddgcli.cli.commands.geodesic_curves import CURVE_FORMATS
 from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
+from ddgcli.errors import renamed_parameters
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -78,7 +79,8 @@ def command(
     from ddgcli.mesh.tet_mesh import TetMesh
 
     mesh = source.mesh if isinstance(source.mesh, TetMesh) else source.surface
-    array = input_field(source, field, field_file)
+    with renamed_parameters(name="field"):
+        array = input_field(source, field, field_file)
     place = check_query(mesh, array, basis)
     n_basis_fields = betti_numbers(mesh).of_boundary(boundary)[1] if basis else 0
     names = array_names(mesh, place, n_basis_fields, has_field=array is not None)

@@ -279,7 +279,7 @@ def vertex_values(
         return None
     from ddgcli.cli.subdivided_input import input_function
 
-    array, place = input_function(source, name, at_midpoints=at_midpoints)
+    array, place = input_function(source, name, parameter, at_midpoints=at_midpoints)
     if place not in ("vertex", ""):
         raise ParameterError(
             f"needs values on vertices; {name!r} has values on {place}s", parameter=parameter

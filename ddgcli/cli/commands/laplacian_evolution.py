@@ -84,7 +84,7 @@ def start_of(source: MeshInput, options: EvolutionOptions) -> NDArray | int:
     name = str(getattr(options, equation))
     if name.isdigit() and name not in source.vertex:
         return int(name)
-    array, place = input_function(source, name)
+    array, place = input_function(source, name, equation)
     if place not in ("vertex", ""):
         raise ParameterError(f"needs values on vertices; {name!r} has values on {place}s", parameter=equation)
     return array

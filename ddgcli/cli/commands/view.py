@@ -76,7 +76,7 @@ def command(
         raise ParameterError("applies to trajectories, and no input is one; leave it out", parameter="every")
     names = sorted({name for viewed in objects for name in (*viewed.vertex, *viewed.face)})
     if array is not None:
-        named_array(dict.fromkeys(names), array)
+        named_array(dict.fromkeys(names), array, parameter="array")
     cells = sum(len(viewed.cells[0]) for viewed in objects)
     run.predict(InputSize("surface", cells, frame_count=max(1, len(times))))
     run.begin()

@@ -168,7 +168,7 @@ def _region(base: MeshInput, name: str | None) -> Any:
         return None
     from ddgcli.io.arrays import input_array
 
-    values, place = input_array(base, name)
+    values, place = input_array(base, name, parameter="region")
     if place not in ("vertex", ""):
         raise ParameterError(f"{name!r} is a {place} array; name one of the vertices", parameter="region")
     return values

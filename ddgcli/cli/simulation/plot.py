@@ -75,7 +75,7 @@ def draw_run(
     from ddgcli.plots.motion import PlotFrame, draw_motion, sequence_style
 
     if common.show is not None:
-        named_array(outcome.picture_frames[0].vertex, common.show)
+        named_array(outcome.picture_frames[0].vertex, common.show, parameter="show")
         picture = replace(picture, array=common.show, label=common.show, limits=None)
     plot_frames = []
     for trajectory_frame in outcome.picture_frames:

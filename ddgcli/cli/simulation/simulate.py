@@ -194,9 +194,9 @@ def _check_array_names(run: Run, job: Job, cell: Mapping[str, NDArray]) -> None:
         return
     first = joined_frame(next(evolve(job.models, job.schedule, Account())))
     if shown is not None:
-        named_array(first.vertex, shown)
+        named_array(first.vertex, shown, parameter="show")
     if coloured is not None and coloured not in job.final_names:
-        named_array({**first.face, **cell, **first.vertex}, coloured)
+        named_array({**first.face, **cell, **first.vertex}, coloured, parameter="colors")
 
 
 def _without_poses(trajectory_frame: TrajectoryFrame) -> TrajectoryFrame:

@@ -103,7 +103,8 @@ def film_constraints(
     topology = unit.topology
     if film and options.boundary == "free" and not topology.is_closed:
         raise ParameterError(
-            "`flow=mean-curvature` needs a boundary that stays, or no area is left; use `boundary=fixed`"
+            "`flow=mean-curvature` needs a boundary that stays, or no area is left; use `boundary=fixed`",
+            parameter="boundary",
         )
     caps = cap_faces(topology) if film and options.fix_volume and not topology.is_closed else None
     if film and options.fix_area and options.fix_volume:
@@ -158,7 +159,9 @@ def film_energy(unit: TriangleMesh, options: FlowOptions) -> EnergyBuilder:
         When the options name another energy.
     """
     if options.energy is not None:
-        raise ParameterError("films lower their area, and no `energy` has an effect; leave `energy` out")
+        raise ParameterError(
+            "has no effect on films, which lower their area; leave it out", parameter="energy"
+        )
     if not options.fix_area:
         return AreaEnergy
     factor = -1.0 if enclosed_volume(unit) > 0 else 1.0

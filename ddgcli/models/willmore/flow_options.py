@@ -115,12 +115,15 @@ def chosen_energy(topology: Topology, options: FlowOptions) -> str:
     free_slope = chosen_boundary(options) != "clamped" and not topology.is_closed
     if free_slope and options.energy == DEFAULT_ENERGY:
         raise ParameterError(
-            f"energy {DEFAULT_ENERGY!r} leaves the faces at the boundary out, where the slope is free; use "
-            f"`energy={DEFAULT_OPEN_ENERGY}` or `boundary=clamped`"
+            f"{DEFAULT_ENERGY!r} leaves the faces at the boundary out, where the slope is free; use "
+            f"`energy={DEFAULT_OPEN_ENERGY}` or `boundary=clamped`",
+            parameter="energy",
         )
     if options.flow == "circle-angle":
         if options.energy not in (None, "circle-angle"):
-            raise ParameterError("`flow=circle-angle` lowers its own energy; use `flow=quadratic`")
+            raise ParameterError(
+                "`flow=circle-angle` lowers its own energy; use `flow=quadratic`", parameter="energy"
+            )
         return "circle-angle"
     return options.energy or (DEFAULT_ENERGY if topology.is_closed else DEFAULT_OPEN_ENERGY)
 

@@ -122,8 +122,9 @@ def _require_rest(topology: Topology, name: str, options: FlowOptions) -> None:
     conserved = options.fix_area or options.fix_volume or options.timed
     if name == "quadratic" and options.flow != "mean-curvature" and topology.is_closed and not conserved:
         raise ParameterError(
-            "energy 'quadratic' grows with the square of the size: a closed surface would shrink to a point; "
-            "use `fix_area`, `step` or another `energy`"
+            "'quadratic' grows with the square of the size: a closed surface would shrink to a point; use "
+            "`fix_area`, `step` or another energy",
+            parameter="energy",
         )
 
 

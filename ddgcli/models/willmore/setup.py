@@ -163,11 +163,14 @@ def _remesh_target(
         return None
     if kind != "descent" or options.timed:
         raise ParameterError(
-            f"`remesh` changes the faces of flows to rest: leave {TIME_OPTIONS} out, and use "
-            "`flow=quadratic` or `flow=circle-angle`"
+            f"changes the faces of flows to rest: leave {TIME_OPTIONS} out, and use `flow=quadratic` or "
+            "`flow=circle-angle`",
+            parameter="remesh",
         )
     if not ENERGIES[energy].keeps_triangles:
-        raise ParameterError(f"`remesh` changes what energy {energy!r} depends on; use `energy=cotan`")
+        raise ParameterError(
+            f"changes what energy {energy!r} depends on; use `energy=cotan`", parameter="remesh"
+        )
     mean = float(unit.side_length.mean())
     length = mean if options.remesh == "mean" else float(options.remesh) / scale
     size = area(unit)

@@ -50,7 +50,9 @@ def problem(
 ) -> Problem:
     """Mean curvature at the inner vertices; `options` may contain `scheme` and `radius`."""
     if truth is not None and truth.mean_curvature is None:
-        raise ParameterError(f"no mean curvature is known of the {truth.name}; leave `truth` out")
+        raise ParameterError(
+            f"no mean curvature is known of the {truth.name}; leave it out", parameter="truth"
+        )
     inside = mesh.topology.referenced_vertex & ~mesh.topology.boundary_vertex
     edge = float(mesh.side_length.mean()) if mesh.n_faces else 0.0
     if not inside.any() or edge == 0.0:

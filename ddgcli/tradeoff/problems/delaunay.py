@@ -122,7 +122,9 @@ def _delaunay_solution(finer: TriangleMesh, mesh: TriangleMesh) -> NDArray[np.fl
 def _analytic_reference(mesh: TriangleMesh, truth: Truth) -> Reference:
     """Analytic solution: the load is an eigenfunction, so the solution is the load over the eigenvalue."""
     if truth.linear_eigenvalue is None:
-        raise ParameterError(f"no Poisson solution is known on the {truth.name}; leave `truth` out")
+        raise ParameterError(
+            f"no Poisson solution is known on the {truth.name}; leave it out", parameter="truth"
+        )
     values = load_function(mesh, mesh.points) / truth.linear_eigenvalue
     values = values - values[mesh.topology.referenced_vertex].mean()
     return Reference.from_truth(truth.name, values)

@@ -49,7 +49,8 @@ def problem(
     sources = Sources.at((0,)) if sources is None else sources
     if truth is not None and (truth.distance is None or len(sources) > 1):
         raise ParameterError(
-            f"no distance from {len(sources)} sources is known on the {truth.name}; leave `truth` out"
+            f"no distance from {len(sources)} sources is known on the {truth.name}; leave it out",
+            parameter="truth",
         )
     if truth is not None and truth.distance is not None:
         values = truth.distance(mesh.points, sources.positions(mesh)[0])

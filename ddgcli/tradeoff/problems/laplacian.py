@@ -36,7 +36,7 @@ def problem(
     """
     k = options.get("eigen", min(8, mesh.n_vertices // 2))
     if truth is not None and truth.eigenvalues is None:
-        raise ParameterError(f"no eigenvalues are known of the {truth.name}; leave `truth` out")
+        raise ParameterError(f"no eigenvalues are known of the {truth.name}; leave it out", parameter="truth")
     if truth is not None and truth.eigenvalues is not None:
         truth_reference = Reference.from_truth(truth.name, truth.eigenvalues(k))
         references = [(0.0, lambda: truth_reference)]

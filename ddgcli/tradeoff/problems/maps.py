@@ -31,7 +31,9 @@ def problem(mesh: TriangleMesh, *, options: CommandOptions = NO_OPTIONS) -> Prob
     """
     operator = options.get("operator")
     if operator is not None and operator not in OPERATORS:
-        raise ParameterError(f"{operator} defines no map; compare {' and '.join(OPERATORS)}")
+        raise ParameterError(
+            f"{operator} defines no map; compare {' and '.join(OPERATORS)}", parameter="operator"
+        )
     boundary_loops(mesh, "a comparison of maps")
     one = Reference.from_truth("a conformal map has the ratio 1", np.ones(mesh.n_faces))
     levels = (0, 1) if "subdivide" not in options else (options["subdivide"],)
