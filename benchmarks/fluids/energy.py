@@ -15,7 +15,7 @@ from benchmarks.common.measure import cpu_seconds, machine, print_table
 from ddgcli.algorithms.hodge.harmonic import harmonic_basis
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.models.fluid.conservative import midpoint
+from ddgcli.models.fluid.conservative import StageRates, midpoint
 from ddgcli.models.fluid.midpoint import implicit_midpoint
 from ddgcli.models.fluid.surface_space import SurfaceSpace
 from ddgcli.models.fluid.volume_space import VolumeSpace
@@ -61,7 +61,7 @@ def surface(mesh: TriangleMesh) -> tuple[NDArray, Advance, Callable[[NDArray], f
     n = space.n
 
     def advance(state: NDArray, dt: float) -> NDArray:
-        return np.concatenate(midpoint(space, state[:n], state[n:], dt, True)[:2])
+        return np.concatenate(midpoint(StageRates(space, True), state[:n], state[n:], dt)[:2])
 
     def energy(state: NDArray) -> float:
         return space.kinetic_energy(space.stream_function(state[:n]), state[n:])

@@ -17,7 +17,7 @@ from benchmarks.fluids.steps import rows as steps
 from ddgcli.linalg.factor import Factor
 from ddgcli.mesh import shapes
 from ddgcli.models.fluid.circulation import CirculationAdvection
-from ddgcli.models.fluid.conservative import RK4_LIMIT, advection_rate, midpoint, runge_kutta
+from ddgcli.models.fluid.conservative import RK4_LIMIT, StageRates, advection_rate, midpoint, runge_kutta
 from ddgcli.models.fluid.diffusion import CURVATURE_SHARE, VelocityDiffusion, VorticityDiffusion
 from ddgcli.models.fluid.surface_space import SurfaceSpace
 from ddgcli.models.fluid.tracer import SurfaceTracer
@@ -49,8 +49,8 @@ def rows(faces: int) -> list[list]:
     calls = {
         "factorisation (once)": lambda: Factor(matrix),
         "set-up of circulation (once)": lambda: CirculationAdvection(space),
-        "conservative, rk4": lambda: runge_kutta(space, omega, none, stable, False),
-        "conservative, midpoint": lambda: midpoint(space, omega, none, stable, False),
+        "conservative, rk4": lambda: runge_kutta(StageRates(space, False), omega, none, stable),
+        "conservative, midpoint": lambda: midpoint(StageRates(space, False), omega, none, stable),
         "circulation, CFL 1": lambda: carry.step(omega, none, dt, False),
         "circulation, CFL 5": lambda: carry.step(omega, none, 5 * dt, False),
         "dye": partial(carried, SurfaceTracer(space, carry.transport), space, omega, dt),

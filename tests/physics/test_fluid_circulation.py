@@ -7,7 +7,7 @@ import ddgcli as ddg
 from ddgcli.mesh import shapes
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.models.fluid.circulation import CirculationAdvection
-from ddgcli.models.fluid.conservative import runge_kutta
+from ddgcli.models.fluid.conservative import StageRates, runge_kutta
 from ddgcli.models.fluid.diffusion import VorticityDiffusion
 from tests.physics.test_fluid import NONE, SURFACES, flat_torus, some_flow, space_of
 
@@ -151,7 +151,7 @@ def test_circulation_follows_the_conservative_flow():
     for _ in range(32):
         omega, c, *_ = carry.step(omega, c, 0.0125, True)
     for _ in range(40):
-        other, *_ = runge_kutta(space, other, NONE, 0.01, False)
+        other, *_ = runge_kutta(StageRates(space, False), other, NONE, 0.01)
     moved = np.sqrt(space.enstrophy(other - some_flow(space)[0]) / space.enstrophy(other))
     apart = np.sqrt(space.enstrophy(omega - other) / space.enstrophy(other))
     assert moved > 0.2 and apart < 0.01

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -151,16 +152,6 @@ def advection_rate(space: SurfaceSpace, flux: NDArray) -> float:
     return float((row * space.inverse_mass).max(initial=0.0))
 
 
-def _shifted(space: SurfaceSpace, coefficients: NDArray, start: float, time: float) -> NDArray[np.float64]:
-    """Harmonic coefficients without what the flow that the boundary prescribes gains of them.
-
-    Pressure changes no inner product of the whole flow with a harmonic one, be it frozen or not.
-    """
-    if space.lift_in_time is None:
-        return coefficients
-    return coefficients + (space.lifted_part_at(start) - space.lifted_part_at(time))
-
-
 def fourth_order_step(
     slope: Callable[[NDArray, NDArray, float], Rates],
     vorticity: NDArray,
@@ -204,98 +195,119 @@ def largest_rate(space: SurfaceSpace, flux: NDArray, coriolis: NDArray | float) 
     return advection_rate(space, flux) + float(np.abs(coriolis).max(initial=0.0))
 
 
-def _with_boundary(
-    space: SurfaceSpace,
-    vorticity: NDArray,
-    flow: SurfaceFlow,
-    coefficients: NDArray,
-    time: float,
-    of_flow: BoundaryVorticity | None,
-) -> NDArray[np.float64]:
-    """The vorticity with that of walls with friction, which is theirs at every stage of a step.
+@dataclass(frozen=True, eq=False)
+class StageRates:
+    """Rates of change at the stages of a step.
 
-    Carried along from the start of a step instead, it would lack what the flow gains along the wall in the
-    step, and the flow would be of first order in time.
+    Parameters
+    ----------
+    space : SurfaceSpace
+    evolve_harmonic : bool
+        Whether the harmonic coefficients change.
+    coriolis : (n,) ndarray of float64 or float
+        Vorticity of a frame that turns, in 1/s.
+    balance : FlowRate, optional
+        What is left out of the rates.
+    time : float
+        Start of the step.
+    at_walls : BoundaryVorticity, optional
+        Vorticity that walls have by friction.
     """
-    if of_flow is None:
-        return vorticity
-    after = vorticity.copy()
-    after[space.rim] = of_flow(flow.phi, coefficients, time)
-    return after
 
+    space: SurfaceSpace
+    evolve_harmonic: bool
+    coriolis: NDArray | float = 0.0
+    balance: FlowRate | None = None
+    time: float = 0.0
+    at_walls: BoundaryVorticity | None = None
 
-def _without(rates: Rates, balance: FlowRate | None) -> Rates:
-    if balance is None:
-        return rates
-    return rates[0] - balance[0], rates[1] - balance[1], rates[2]
+    def at(
+        self, vorticity: NDArray, coefficients: NDArray, after: float, flow: SurfaceFlow | None = None
+    ) -> tuple[Rates, NDArray[np.float64]]:
+        """Rates at a time `after` the start of the step, and the vorticity with that of walls.
+
+        The coefficients are those of the prescribed flow of the start; `flow` is as in `rate`.
+        """
+        space, then = self.space, self.time + after
+        now = self.shifted(coefficients, after)
+        flow = space.flow_of(vorticity, now, then) if flow is None else flow
+        vorticity = self._with_boundary(vorticity, flow, now, then)
+        rates = rate(space, vorticity, now, self.evolve_harmonic, self.coriolis, then, flow)
+        if self.balance is not None:
+            rates = rates[0] - self.balance[0], rates[1] - self.balance[1], rates[2]
+        return rates, vorticity
+
+    def shifted(self, coefficients: NDArray, after: float) -> NDArray[np.float64]:
+        """(b,) harmonic coefficients without what the flow that the boundary prescribes gains of them.
+
+        Pressure changes no inner product of the whole flow with a harmonic one, be it frozen or not.
+        """
+        space = self.space
+        if space.lift_in_time is None:
+            return coefficients
+        gain = space.lifted_part_at(self.time) - space.lifted_part_at(self.time + after)
+        return coefficients + gain
+
+    def _with_boundary(
+        self, vorticity: NDArray, flow: SurfaceFlow, coefficients: NDArray, time: float
+    ) -> NDArray[np.float64]:
+        """The vorticity with that of walls with friction, which is theirs at every stage of a step.
+
+        Carried along from the start of a step instead, it would lack what the flow gains along the wall in
+        the step, and the flow would be of first order in time.
+        """
+        if self.at_walls is None:
+            return vorticity
+        after = vorticity.copy()
+        after[self.space.rim] = self.at_walls(flow.phi, coefficients, time)
+        return after
 
 
 def runge_kutta(
-    space: SurfaceSpace,
+    stage_rates: StageRates,
     vorticity: NDArray,
     coefficients: NDArray,
     dt: float,
-    evolve_harmonic: bool,
-    coriolis: NDArray | float = 0.0,
-    balance: FlowRate | None = None,
-    time: float = 0.0,
     flow: SurfaceFlow | None = None,
-    at_walls: BoundaryVorticity | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float, float]:
-    """One classical fourth-order step without `balance`, from a `time` on; `flow` as in `rate`.
+    """One classical fourth-order step; `flow` is that of the start, where it is known.
 
-    The third value is dt times `largest_rate` at its start, the fourth the enstrophy that vorticity
-    `at_walls` adds in the step.
+    The third value is dt times `largest_rate` at its start, the fourth the enstrophy that vorticity at walls
+    adds in the step.
     """
-    b = len(coefficients)
+    b, space = len(coefficients), stage_rates.space
 
     def slope(vorticity: NDArray, packed: NDArray, after: float, flow: SurfaceFlow | None = None) -> Rates:
-        now, then = _shifted(space, packed[:b], time, time + after), time + after
-        flow = space.flow_of(vorticity, now, then) if flow is None else flow
-        stage_vorticity = _with_boundary(space, vorticity, flow, now, then, at_walls)
-        rates = _without(rate(space, stage_vorticity, now, evolve_harmonic, coriolis, then, flow), balance)
-        beyond = vorticity - stage_vorticity
-        added = float(beyond @ (space.inverse_mass * rates[0])) if at_walls is not None else 0.0
+        rates, with_walls = stage_rates.at(vorticity, packed[:b], after, flow)
+        beyond = vorticity - with_walls
+        added = float(beyond @ (space.inverse_mass * rates[0])) if stage_rates.at_walls is not None else 0.0
         return rates[0], np.append(rates[1], added), rates[2]
 
     packed = np.append(coefficients, 0.0)
     first = slope(vorticity, packed, 0.0, flow)
-    courant = dt * largest_rate(space, first[2], coriolis)
+    courant = dt * largest_rate(space, first[2], stage_rates.coriolis)
     if courant > RK4_LIMIT:
         return vorticity, coefficients, courant, 0.0
     vorticity, packed = fourth_order_step(slope, vorticity, packed, dt, first)
-    return vorticity, _shifted(space, packed[:b], time, time + dt), courant, float(packed[b])
+    return vorticity, stage_rates.shifted(packed[:b], dt), courant, float(packed[b])
 
 
 def midpoint(
-    space: SurfaceSpace,
-    vorticity: NDArray,
-    coefficients: NDArray,
-    dt: float,
-    evolve_harmonic: bool,
-    coriolis: NDArray | float = 0.0,
-    balance: FlowRate | None = None,
-    time: float = 0.0,
-    at_walls: BoundaryVorticity | None = None,
+    stage_rates: StageRates, vorticity: NDArray, coefficients: NDArray, dt: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
     """One step of the implicit midpoint rule, which keeps energy and enstrophy to the solver's tolerance.
 
-    With vorticity `at_walls` it keeps the energy alone. It begins at `time`; `balance` is left out of the
-    rate of change. The third value is the last relative change: the step is to be shortened where that is
-    not small.
+    With vorticity at walls it keeps the energy alone. The third value is the last relative change: the step
+    is to be shortened where that is not small.
     """
-    n, half = len(vorticity), time + 0.5 * dt
+    n = len(vorticity)
     start = np.concatenate([vorticity, coefficients])
 
     def slope(middle: NDArray) -> NDArray[np.float64]:
-        now = _shifted(space, middle[n:], time, half)
-        flow = space.flow_of(middle[:n], now, half)
-        stage_vorticity = _with_boundary(space, middle[:n], flow, now, half, at_walls)
-        rates = rate(space, stage_vorticity, now, evolve_harmonic, coriolis, half, flow)
-        return np.concatenate(_without(rates, balance)[:2])
+        return np.concatenate(stage_rates.at(middle[:n], middle[n:], 0.5 * dt)[0][:2])
 
-    after, change = implicit_midpoint(slope, start, dt, STREAM_SHARE * space.largest_stream_flux)
-    return after[:n], _shifted(space, after[n:], time, time + dt), change
+    after, change = implicit_midpoint(slope, start, dt, STREAM_SHARE * stage_rates.space.largest_stream_flux)
+    return after[:n], stage_rates.shifted(after[n:], dt), change
 
 
 class ConservativeTransport(FlowPhase):
@@ -356,17 +368,15 @@ class ConservativeTransport(FlowPhase):
 
     def advance(self, step: Step, state: FluidState) -> FluidState:
         space, setting = self.space, self.setting
-        arguments = (
-            space, state["vorticity"], state["coefficients"], step.dt,
-            setting.evolve_harmonic, setting.coriolis, step.balance, step.time,
-        )  # fmt: skip
+        stage_rates = StageRates(
+            space, setting.evolve_harmonic, setting.coriolis, step.balance, step.time, self.at_walls
+        )
+        start = (state["vorticity"], state["coefficients"], step.dt)
         added = 0.0
         if self.implicit:
-            vorticity, coefficients, measure = midpoint(*arguments, self.at_walls)
+            vorticity, coefficients, measure = midpoint(stage_rates, *start)
         else:
-            vorticity, coefficients, measure, added = runge_kutta(
-                *arguments, space.flow(state), self.at_walls
-            )
+            vorticity, coefficients, measure, added = runge_kutta(stage_rates, *start, space.flow(state))
         if not measure <= (PICARD_TOLERANCE if self.implicit else RK4_LIMIT):
             raise StepRejected(
                 "midpoint iteration" if self.implicit else Cause.STABILITY_LIMIT, value=measure

@@ -25,6 +25,9 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 log = logging.getLogger("ddgcli")
 
+Start = Callable[..., tuple[Wavefront, WindowTargets]]  # by its slack and its bounds
+Propagation = tuple[Wavefront, WindowTargets, float]  # with the estimated error of its slack
+
 # Rounds after which a run restarts with a bound on crossings: constant, and per face.
 MIN_ROUNDS, ROUNDS_PER_FACE = 1000.0, 0.25
 BOUNDED_ROUNDS_PER_FACE = 16.0  # rounds after which the bounded run raises SolveError
@@ -152,9 +155,11 @@ def exact_distance(
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         # in the units of every component with a source
         largest = limit / tables.scale[_source_vertices(mesh, sources)].min()
-        wavefront, window_targets, error = _propagate_bounded(
-            mesh, start, sources, tolerance, largest, most_windows, progress
-        )
+        propagate = partial(
+            _propagate, mesh, sources=sources, tolerance=tolerance, limit=largest, most_windows=most_windows,
+            progress=progress,
+        )  # fmt: skip
+        wavefront, window_targets, error = _bounded_propagation(mesh, start, propagate)
     patched = _patch_unreached(wavefront, mesh) if np.isinf(limit) else 0
     window_targets.finish(wavefront.distance, wavefront.origin)
     target_scale = tables.scale[mesh.faces[points.face, 0]]
@@ -172,43 +177,32 @@ def _check_arguments(mesh: SurfaceMesh, tolerance: float, directions: bool) -> N
         )
 
 
-def _propagate_bounded(
-    mesh: SurfaceMesh,
-    start: Callable[..., tuple[Wavefront, WindowTargets]],
-    sources: Sources,
-    tolerance: float,
-    limit: float,
-    most_windows: float,
-    progress: Callable[[float, float], None] | None,
-) -> tuple[Wavefront, WindowTargets, float]:
-    """Run `_propagate`, with a bound on crossings if there are too many windows without it.
+def _bounded_propagation(
+    mesh: SurfaceMesh, start: Start, propagate: Callable[[Start], Propagation]
+) -> Propagation:
+    """Propagate from a start, with a bound on crossings if there are too many windows without it.
 
     Only a mesh in space has the bound: in an intrinsic face the straight segment may be a detour.
     """
-    arguments = sources, tolerance, limit, most_windows, progress
-    bounded = partial(
-        start, max_crossings=mesh.n_faces, max_rounds=MIN_ROUNDS + BOUNDED_ROUNDS_PER_FACE * mesh.n_faces
-    )
     try:
-        return _propagate(
-            mesh, partial(start, max_rounds=MIN_ROUNDS + ROUNDS_PER_FACE * mesh.n_faces), *arguments
-        )
+        return propagate(partial(start, max_rounds=MIN_ROUNDS + ROUNDS_PER_FACE * mesh.n_faces))
     except SolveError:
         if not isinstance(mesh, TriangleMesh):
             raise
     log.info("windows multiply on degenerate faces: restarting with a bound on crossings")
-    return _propagate(mesh, bounded, *arguments)
+    max_rounds = MIN_ROUNDS + BOUNDED_ROUNDS_PER_FACE * mesh.n_faces
+    return propagate(partial(start, max_crossings=mesh.n_faces, max_rounds=max_rounds))
 
 
 def _propagate(
     mesh: SurfaceMesh,
-    start: Callable[..., tuple[Wavefront, WindowTargets]],
+    start: Start,
     sources: Sources,
     tolerance: float,
     limit: float,
     most_windows: float,
     progress: Callable[[float, float], None] | None,
-) -> tuple[Wavefront, WindowTargets, float]:
+) -> Propagation:
     """Run a wavefront; return it with its targets and the estimated error of its slack."""
     wavefront, window_targets = start(slack=0.0)
     near = None
