@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.geometry.intrinsic import corner_cotan, face_area
-from ddgcli.mesh.require import no_area_error, refuse_flat_cells, refuse_flat_faces
+from ddgcli.mesh.require import no_area_error, refuse_flat_faces
+from ddgcli.mesh.require_solid import refuse_flat_cells
 from ddgcli.mesh.tet_mesh import FLAT_VOLUME_TOLERANCE, TET_EDGES
 from ddgcli.mesh.triangle_mesh import TriangleMesh, unit_side_blocks
 from ddgcli.mesh.vectors import cross, dot, vector_length

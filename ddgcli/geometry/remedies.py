@@ -7,13 +7,17 @@ import logging
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.errors import counted
 from ddgcli.geometry.extrinsic import dihedral_angle, folded_edges
 from ddgcli.geometry.t_junctions import t_junctions
+from ddgcli.mesh.coincident_faces import crack_faces, flat_gaps
 from ddgcli.mesh.components import connected_labels
+from ddgcli.mesh.flat_cells import without_flat_cells
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.ragged import repeated_rows
 from ddgcli.mesh.remedies import remedy
 from ddgcli.mesh.repair import merged_points
+from ddgcli.mesh.require_solid import MAX_TRIED, fold_message
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh, unit_side_blocks
 from ddgcli.mesh.vectors import cross, dot, vector_length
@@ -58,6 +62,58 @@ def _has_thin_triangles(mesh: TriangleMesh) -> bool:
         if (double_area < 2.0 * THIN_TRIANGLE * dot(side, side).max(axis=0)).any():
             return True
     return False
+
+
+def warn_of_solid(mesh: TetMesh) -> None:
+    """Warn of cells that overlap, of boundary faces that lie on each other, and of bodies in pieces.
+
+    Parameters
+    ----------
+    mesh : TetMesh
+    """
+    log = logging.getLogger("ddgcli")
+    if message := fold_message(mesh):
+        log.warning(
+            "%s: integrals count their volume twice, and Betti numbers are those of a body in space with the "
+            "same boundary; move vertices, or mesh the body again", message,
+        )  # fmt: skip
+    if n_gaps := len(flat_gaps(mesh)):
+        log.warning(
+            "%s between boundary faces that lie on each other, where a flat tetrahedron is missing: the body "
+            "is cut open there; %s", counted(n_gaps, "flat gap", "flat gaps"), _gap_remedy(mesh),
+        )  # fmt: skip
+    if len(crack := crack_faces(mesh)):
+        log.warning(
+            "%s at the positions of another one of the same body, first that of vertices %s: the body is "
+            "cracked there; %s", counted(len(crack), "boundary face lies", "boundary faces lie"),
+            "-".join(map(str, mesh.boundary.faces[crack[0]].tolist())), _crack_remedy(mesh),
+        )  # fmt: skip
+    warn_of_pieces(mesh)
+
+
+def _gap_remedy(mesh: TetMesh) -> str:
+    """How to close flat gaps: by a repair that is tried here, unless there are too many."""
+    gaps = flat_gaps(mesh, merged=False)
+    is_welded = len(gaps) == len(flat_gaps(mesh))
+    if len(gaps) <= MAX_TRIED:
+        after = mesh if is_welded else _welded_solid(mesh)
+        if len(flat_gaps(TetMesh(after.points, without_flat_cells(after).tetrahedra))):
+            return "no repair closes all of them; mesh the body again"
+    return remedy("flat gaps" if is_welded else "flat gaps of pieces")
+
+
+def _crack_remedy(mesh: TetMesh) -> str:
+    """How to close a crack: by a weld, unless bodies touch after it that it does not join."""
+    joined = _welded_solid(mesh)
+    topology = joined.boundary.topology
+    if np.bincount(joined.cell_triangle.ravel()).max() > 2 or not topology.is_manifold:
+        return "a weld does not join all of its sides; mesh the body again unless it is meant"
+    return f"unless it is meant, {remedy('cracks')}"
+
+
+def _welded_solid(mesh: TetMesh) -> TetMesh:
+    points, place = merged_points(mesh.points)
+    return TetMesh(points, place[mesh.tetrahedra])
 
 
 def warn_of_pieces(mesh: TriangleMesh | TetMesh) -> None:

@@ -13,7 +13,7 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators import connection, laplacian
 from ddgcli.operators import gradient as gradients
 from ddgcli.operators.dec import SimplicialMesh, complex_of
-from ddgcli.operators.dec_matrices import dec_matrices
+from ddgcli.operators.dec_matrices import check_cells, dec_matrices
 from ddgcli.operators.star_errors import star_errors, warn_of_star_errors
 from ddgcli.operators.stars import Star
 from ddgcli.operators.stars import hodge_star as core_hodge_star
@@ -232,6 +232,7 @@ def dec_operators(mesh: TriangleMesh | TetMesh, star: Star = "galerkin") -> dict
     """
     if isinstance(mesh, TriangleMesh):
         require(mesh, "dec_operators", manifold=True, oriented=True)
+    check_cells(mesh)
     complex_ = complex_of(mesh)
     matrices = dec_matrices(complex_, star).matrices
     warn_of_star_errors(star_errors(complex_, mesh.points, star), star, complex_.dimension)

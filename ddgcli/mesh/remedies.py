@@ -30,6 +30,9 @@ REMEDIES = {
     "touching bodies": ("duplicate such vertices, one for each body", "split_fans"),
     "inverted": ("exchange two corners of each", "orient"),
     "duplicate cells": ("remove cells that occur twice", "drop_duplicates"),
+    "flat gaps": ("close them", "drop_degenerate"),
+    "flat gaps of pieces": ("close them", "weld drop_degenerate"),
+    "cracks": ("join vertices at equal positions", "weld"),
     "bodies in pieces": ("join vertices at equal positions", "weld"),
     "repeated vertex": ("remove such faces", "drop_degenerate"),
     "equal positions": ("join vertices at equal positions", "weld"),
@@ -43,6 +46,9 @@ CELL_DEFECTS = (
     "touching bodies",
     "duplicate cells",
     "bodies in pieces",
+    "flat gaps",
+    "flat gaps of pieces",
+    "cracks",
 )  # of tetrahedra, which the repair takes as they are
 STEPS_ON_MANIFOLDS = ("fill_holes", "cut_to_disk")
 

@@ -11,10 +11,9 @@ from ddgcli.errors import MeshError, counted
 from ddgcli.mesh.ragged import unique_keys
 from ddgcli.mesh.remedies import remedy, with_repair
 from ddgcli.mesh.repair import merged_points
-from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.topology import NEXT, Topology
 from ddgcli.mesh.triangle_mesh import FLAT_AREA_TOLERANCE, TriangleMesh
-from ddgcli.mesh.vectors import row_cross, vector_length
+from ddgcli.mesh.vectors import row_cross
 
 if TYPE_CHECKING:
     from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
@@ -205,76 +204,6 @@ def check_size(longest: float, *, in_range: bool = True, dimension: int = 2) -> 
         )
 
 
-def require_sized_solid(mesh: TetMesh) -> None:
-    """Raise an error for tetrahedra without volume, or volumes that leave the floating-point range.
-
-    Parameters
-    ----------
-    mesh : TetMesh
-
-    Raises
-    ------
-    MeshError
-    """
-    ends = mesh.points[mesh.edges]
-    if len(ends):
-        check_size(float(vector_length(ends[:, 1] - ends[:, 0]).max()), dimension=3)
-    refuse_flat_cells(mesh.flat_tetrahedra, len(mesh.tetrahedra))
-
-
-def require_manifold_body(mesh: TetMesh, subject: str) -> None:
-    """Raise an error for tetrahedra without boundary, or that meet where they share no faces.
-
-    Parameters
-    ----------
-    mesh : TetMesh
-    subject : str
-        Subject of the message, such as the name of a command.
-
-    Raises
-    ------
-    MeshError
-    """
-    if len(mesh.tetrahedra) and mesh.boundary.n_faces == 0:
-        raise MeshError(
-            "the tetrahedra have no boundary, which is impossible for a body in space; remove one"
-        )
-    topology = mesh.boundary.topology
-    if len(bad := topology.nonmanifold_edges):
-        a, b = topology.edges[bad[0]]
-        where = f"{counted(len(bad), 'edge', 'edges')} (first: vertices {a}-{b})"
-    elif len(bad := topology.nonmanifold_vertices):
-        where = f"{counted(len(bad), 'vertex', 'vertices')} (first: vertex {bad[0]})"
-    else:
-        return
-    raise MeshError(
-        f"bodies of tetrahedra touch along {where} without sharing faces there; {subject} needs a manifold "
-        f"boundary: {remedy('touching bodies')}"
-    )
-
-
-def require_manifold_cells(mesh: TetMesh) -> None:
-    """Raise an error for a face of more than two tetrahedra.
-
-    Parameters
-    ----------
-    mesh : TetMesh
-
-    Raises
-    ------
-    MeshError
-    """
-    bad = np.flatnonzero(np.bincount(mesh.cell_triangle.ravel()) > 2)
-    if len(bad):
-        cells = np.flatnonzero((mesh.cell_triangle == bad[0]).any(axis=1))
-        repeated = len(mesh.duplicate_tetrahedra) > 0
-        raise MeshError(
-            f"{counted(len(bad), 'face has', 'faces have')} more than two tetrahedra (first: vertices "
-            f"{'-'.join(map(str, mesh.triangles[bad[0]]))} of tetrahedra {', '.join(map(str, cells[:4]))}); "
-            + (remedy("duplicate cells") if repeated else "remove all but two at each")
-        )
-
-
 def refuse_repeated_vertices(mesh: SurfaceMesh) -> None:
     """Raise an error for faces that name a vertex twice, or for no face with an area where that is all.
 
@@ -376,29 +305,4 @@ def refuse_flat_faces(
     raise MeshError(
         f"{counted(len(flat), 'face has', 'faces have')} no area (first: face {flat[0]}{corners}); "
         f"{remedy('no area', topology, manifold=manifold, oriented=oriented)}"
-    )
-
-
-def refuse_flat_cells(flat: NDArray, n_cells: int) -> None:
-    """Raise an error with the count and the first of the tetrahedra without volume, if there are any.
-
-    Parameters
-    ----------
-    flat : (k,) ndarray of int64
-        Tetrahedra without volume.
-    n_cells : int
-
-    Raises
-    ------
-    MeshError
-    """
-    if len(flat) == 0:
-        return
-    if len(flat) == n_cells:  # their removal would leave nothing
-        of_several = f"none of the {n_cells} tetrahedra has a volume"
-        which = "the only tetrahedron has no volume" if n_cells == 1 else of_several
-        raise MeshError(f"{which}; check the coordinates")
-    raise MeshError(
-        f"{counted(len(flat), 'tetrahedron has', 'tetrahedra have')} no volume (first: tetrahedron "
-        f"{flat[0]}); {remedy('no volume')}"
     )

@@ -10,10 +10,9 @@ import numpy as np
 from ddgcli.errors import MeshError, counted
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.remedies import remedy
-from ddgcli.mesh.require import (
-    refuse_flat_faces,
-    require,
-    require_area,
+from ddgcli.mesh.require import refuse_flat_faces, require, require_area
+from ddgcli.mesh.require_solid import (
+    refuse_folds,
     require_manifold_body,
     require_manifold_cells,
     require_sized_solid,
@@ -37,7 +36,7 @@ class Requirement:
     area, every_area, volume : bool
         At least one face with area; every face with area; every tetrahedron with volume.
     positive_volume : bool
-        No tetrahedron of negative volume.
+        No tetrahedron of negative volume, and none on the side of a face where its neighbour lies.
     manifold_cells : bool
         No face of more than two tetrahedra.
     instead : str
@@ -69,7 +68,7 @@ REQUIREMENTS = {
         surface={"sized": False, "extent": True, "manifold_edges": True, "oriented": True, "one_sided": True},
         area=True,
     ),
-    "laplacian": Requirement(("surface", "tetrahedra"), area=True, volume=True),
+    "laplacian": Requirement(("surface", "tetrahedra"), area=True, volume=True, manifold_cells=True),
     "hodge": Requirement(
         ("surface", "tetrahedra"),
         {**_MANIFOLD, "one_sided": True},
@@ -77,7 +76,14 @@ REQUIREMENTS = {
         volume=True,
         manifold_cells=True,
     ),
-    "dec": Requirement(("surface", "tetrahedra"), _MANIFOLD, {"faces": True}, every_area=True, volume=True),
+    "dec": Requirement(
+        ("surface", "tetrahedra"),
+        _MANIFOLD,
+        {"faces": True},
+        every_area=True,
+        volume=True,
+        manifold_cells=True,
+    ),
     "geodesic": Requirement(surface={"sized": False}),
     "shell-sim": Requirement(every_area=True),
     "fluid-sim": Requirement(
@@ -185,7 +191,10 @@ def unmet_need(mesh: TriangleMesh | TetMesh | CurveSet, command: str) -> str | N
 
 
 def require_sized_cells(mesh: TriangleMesh | TetMesh | CurveSet, command: str) -> None:
-    """Raise an error for faces without area and for flat or inverted tetrahedra, if the command takes none.
+    """Raise an error for faces without area, and for tetrahedra that the command does not take.
+
+    This is the one check of tetrahedra, of all commands: flat, repeated, overlapping and inverted cells.
+    `warn_of_solid` warns of what no command refuses.
 
     Parameters
     ----------
@@ -201,11 +210,13 @@ def require_sized_cells(mesh: TriangleMesh | TetMesh | CurveSet, command: str) -
     if isinstance(mesh, TetMesh):
         if requirement.volume:
             require_sized_solid(mesh)
+        if requirement.manifold_cells:
+            require_manifold_cells(mesh)
+        if requirement.positive_volume:
+            refuse_folds(mesh)
         if requirement.positive_volume and (mesh.signed_volume < 0).any():
             bad = np.flatnonzero(mesh.signed_volume < 0)
             what = counted(len(bad), "tetrahedron is inverted", "tetrahedra are inverted")
             raise MeshError(f"{what} (first: {bad[0]}); {remedy('inverted')}")
-        if requirement.manifold_cells:
-            require_manifold_cells(mesh)
     elif isinstance(mesh, TriangleMesh) and requirement.every_area:
         refuse_flat_faces(mesh.flat_faces, mesh.topology, **requirement.surface)

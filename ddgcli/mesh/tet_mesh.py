@@ -105,18 +105,29 @@ class TetMesh(PointMesh):
     @cached_property
     def flat_tetrahedra(self) -> NDArray[np.int64]:
         """(k,) indices of the tetrahedra without volume, to 2e-8 of their longest edge cubed."""
-        p = self.points[self.tetrahedra]
-        edge = p[:, TET_EDGES[:, 1]] - p[:, TET_EDGES[:, 0]]
-        extent = np.abs(edge).max(axis=(1, 2), initial=0.0)
-        edge /= np.where(extent > 0, extent, 1.0)[:, None, None]
-        longest = np.sqrt((edge**2).sum(axis=2).max(axis=1, initial=0.0))
-        a, b, c = edge[:, TET_EDGES[:, 0] == 0].transpose(1, 2, 0)
-        return frozen(np.flatnonzero(~(np.abs(cone_volume(a, b, c)) > FLAT_POSITION_TOLERANCE * longest**3)))
+        shape = relative_volume(self.points[self.tetrahedra])
+        return frozen(np.flatnonzero(~(np.abs(shape) > FLAT_POSITION_TOLERANCE)))
 
     @cached_property
     def duplicate_tetrahedra(self) -> NDArray[np.int64]:
         """(k,) indices of the tetrahedra whose four vertices an earlier one has."""
         return frozen(repeated_rows(np.sort(self.tetrahedra, axis=1)))
+
+    @property
+    def face_sign(self) -> NDArray[np.int64]:
+        """(k, 4) +1 where a side, with its vertices ascending, is oriented outward; sides as `TET_FACES`."""
+        sign = parity(self.tetrahedra[:, TET_FACES].reshape(-1, 3)).reshape(-1, 4)
+        return sign * np.where(self.signed_volume < 0, -1, 1)[:, None]
+
+    @cached_property
+    def folded_triangles(self) -> NDArray[np.int64]:
+        """(f,) indices of the faces of two tetrahedra on one side, none of them flat."""
+        is_solid = np.ones(len(self.tetrahedra), dtype=bool)
+        is_solid[self.flat_tetrahedra] = False
+        triangle, n = self.cell_triangle[is_solid].ravel(), len(self.triangles)
+        count = np.bincount(triangle, minlength=n)
+        sign = np.bincount(triangle, self.face_sign[is_solid].ravel(), minlength=n)
+        return frozen(np.flatnonzero((count == 2) & (sign != 0)))
 
     @property
     def edges(self) -> NDArray[np.int64]:
@@ -174,6 +185,32 @@ class TetMesh(PointMesh):
         turned = np.where((self.signed_volume < 0)[:, None], [0, 2, 1, 3], [0, 1, 2, 3])
         triangle = np.take_along_axis(self.cell_triangle, turned, axis=1)
         return turned, np.bincount(triangle.ravel())[triangle] == 1
+
+
+def relative_volume(corners: NDArray) -> NDArray[np.float64]:
+    """Signed volumes of tetrahedra over their longest edges cubed, at any scale.
+
+    Parameters
+    ----------
+    corners : (m, 4, 3) ndarray of float64
+
+    Returns
+    -------
+    (m,) ndarray of float64
+        At most 0.118 (regular tetrahedra); 0 where all corners are at one place.
+
+    Examples
+    --------
+    >>> corner = np.array([[0, 0, 0], [1e-200, 0, 0], [0, 1e-200, 0], [0, 0, 1e-200]])
+    >>> relative_volume(corner[None]).round(4).tolist()
+    [0.0589]
+    """
+    edge = corners[:, TET_EDGES[:, 1]] - corners[:, TET_EDGES[:, 0]]
+    extent = np.abs(edge).max(axis=(1, 2), initial=0.0)
+    edge /= np.where(extent > 0, extent, 1.0)[:, None, None]
+    longest = np.sqrt((edge**2).sum(axis=2).max(axis=1, initial=0.0))
+    a, b, c = edge[:, TET_EDGES[:, 0] == 0].transpose(1, 2, 0)
+    return cone_volume(a, b, c) / np.where(longest > 0, longest, 1.0) ** 3
 
 
 MAX_KEY = 2**63 - 1  # of the vertices of a simplex as one number

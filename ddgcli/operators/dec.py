@@ -26,8 +26,8 @@ from ddgcli.geometry.cells import (
 from ddgcli.linalg.indices import matrix_indices
 from ddgcli.mesh.edge_lookup import edge_indices
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
-from ddgcli.mesh.require import require_sized_solid
-from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh, parity
+from ddgcli.mesh.require_solid import require_sized_solid
+from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import vector_length
@@ -189,9 +189,7 @@ def _tet_complex(mesh: TetMesh) -> Complex:
     local = tets[:, TET_EDGES]
     edges, faces = mesh.edges, mesh.triangles
     edge_sign = np.where(local[..., 0] < local[..., 1], 1, -1)
-    corners = tets[:, TET_FACES].reshape(-1, 3)
-    orientation = np.where(mesh.signed_volume < 0, -1, 1)
-    face_sign = parity(corners).reshape(-1, 4) * orientation[:, None]
+    face_sign = mesh.face_sign
     face_edge = edge_indices(edges, faces[:, [[0, 1], [1, 2], [0, 2]]])
     face_edge_sign = np.array([1, 1, -1])
     length = vector_length(mesh.points[local[..., 1]] - mesh.points[local[..., 0]])

@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array, diags_array
 
 from ddgcli.errors import MeshError, counted, renamed_parameters
+from ddgcli.geometry.remedies import warn_of_solid
 from ddgcli.linalg.indices import compact
 from ddgcli.memory import check_memory
 from ddgcli.mesh.requirements import require_sized_cells
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.operators.dec import Complex, complex_of
+from ddgcli.operators.dec import Complex, SimplicialMesh, complex_of
 from ddgcli.operators.stars import Star, diagonal_star, hodge_star
 
 BYTES_PER_ENTRY = 12  # of a sparse matrix: a float64 and an int32
@@ -104,6 +105,23 @@ def dec_matrices(complex_: Complex, star: Star = "galerkin") -> DecMatrices:
     return DecMatrices(complex_, star, matrices, negative)
 
 
+def check_cells(mesh: SimplicialMesh) -> None:
+    """Raise an error for cells that no complex has, and warn of those that overlap or lie on each other.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh, IntrinsicMesh or TetMesh
+
+    Raises
+    ------
+    MeshError
+    """
+    if isinstance(mesh, TetMesh | TriangleMesh):
+        require_sized_cells(mesh, "dec")
+    if isinstance(mesh, TetMesh):
+        warn_of_solid(mesh)
+
+
 def check_star(mesh: TriangleMesh | TetMesh, star: Star) -> None:
     """Raise the errors of `dec_matrices` about the entries of its star, before it computes.
 
@@ -117,7 +135,7 @@ def check_star(mesh: TriangleMesh | TetMesh, star: Star) -> None:
     MeshError
         For a cell without area or volume, or a zero entry of the circumcentric star.
     """
-    require_sized_cells(mesh, "dec")
+    check_cells(mesh)
     if star == "circumcentric":  # the others are positive
         complex_ = complex_of(mesh)
         for degree in range(complex_.dimension):

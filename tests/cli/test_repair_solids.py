@@ -15,6 +15,8 @@ from ddgcli.mesh.tet_mesh import TetMesh
 CUBE = shapes.box_tetrahedra(3, 3, 3)
 INNER = int(np.argmax(~np.isin(CUBE.tetrahedra, CUBE.boundary.faces).all(axis=1)))
 
+INNER_VERTEX = int(np.argmax(~np.isin(np.arange(CUBE.n_vertices), CUBE.boundary.faces)))
+
 
 def body(tmp_path, tetrahedra, points=CUBE.points):
     path = tmp_path / "body.vtu"
@@ -32,18 +34,18 @@ def remedy_of(message):
     return re.search(r"ddgcli repair \S+ ((?:--[a-z-]+ ?)+)-o", message).group(1).split()
 
 
-@pytest.mark.parametrize("call", [["hodge"], ["laplacian", "--form-eigen", "2"]])
+@pytest.mark.parametrize("call", [["hodge"], ["laplacian"], ["laplacian", "--form-eigen", "2"], ["dec"]])
 def test_a_cell_twice_is_refused_and_the_remedy_works(tmp_path, run, summary, call):
     """The Betti numbers were [1, 1, 0, 0], without a warning."""
     path = body(tmp_path, np.concatenate([CUBE.tetrahedra, CUBE.tetrahedra[INNER][None, [1, 0, 3, 2]]]))
-    assert "drop-duplicates" in summary("info", path)["results"]["accepts"]["hodge"]
+    assert "drop-duplicates" in summary("info", path)["results"]["accepts"][call[0]]
     refused = run(call[0], path, *call[1:])
     assert refused.exit_code == 2 and f"of tetrahedra {INNER}, " in refused.stderr
     assert remedy_of(refused.stderr) == ["--drop-duplicates"]
     repaired = tmp_path / "repaired.vtu"
     report = summary("repair", path, *remedy_of(refused.stderr), "-o", repaired)
     assert report["results"]["changes"] == {"drop_duplicates": 1}
-    assert "hodge" not in report["results"]["refused_by"]
+    assert call[0] not in report["results"]["refused_by"]
     assert np.array_equal(read_mesh(str(repaired)).mesh.tetrahedra, CUBE.tetrahedra)
 
 
@@ -54,6 +56,46 @@ def test_a_further_cell_on_an_inner_face_is_refused(tmp_path, run):
     refused = run("hodge", path)
     assert refused.exit_code == 2 and "1 face has more than two tetrahedra" in refused.stderr
     assert "remove all but two at each" in refused.stderr
+
+
+def folded(tmp_path):
+    """A cube one vertex of which lies outside: cells around it overlap, with a volume of 35 for 27."""
+    points = 3 * CUBE.points
+    points[INNER_VERTEX] += 5.0
+    return body(tmp_path, CUBE.tetrahedra, points)
+
+
+def test_cells_that_overlap_have_a_warning_and_no_repair_makes_them_a_fluid(tmp_path, run, summary):
+    """`laplacian` and `dec` took them without a word; after `--orient` no command refused them."""
+    path, oriented = folded(tmp_path), tmp_path / "oriented.vtu"
+    n_folds = summary("info", path)["results"]["folded_faces"]
+    assert n_folds > 0
+    for words in (["laplacian"], ["dec"], ["hodge"], ["laplacian", "--form-eigen", "2"]):
+        assert f"{n_folds} faces have both tetrahedra on one side" in run(words[0], path, *words[1:]).stderr
+    results = summary("repair", path, "--orient", "-o", oriented)["results"]
+    assert "so that these overlap; move vertices" in results["refused_by"]["fluid-sim"]
+    refused = run("fluid-sim", oriented, "--steps", "1", "-o", tmp_path / "x.vtkhdf")
+    assert refused.exit_code == 2 and "both tetrahedra on one side" in refused.stderr
+
+
+def test_repairs_of_flat_cells_that_lie_in_a_chain_end_with_a_body(tmp_path, run, summary):
+    """The missing cells of two mirrored cubes: the remedy was `--split-fans`, then a weld, and so on."""
+    box = shapes.box_tetrahedra(1, 1, 1)
+    mirrored = box.points * [-1, 1, 1] + [2, 0, 0]
+    turned = mirrored[:, [0, 2, 1]] * [1, 1, -1] + [0, 0, 1]
+    path = body(
+        tmp_path,
+        np.concatenate([box.tetrahedra, box.tetrahedra + box.n_vertices]),
+        np.concatenate([box.points, turned]),
+    )
+    warning = run("hodge", path).stderr.splitlines()[0]
+    assert "1 flat gap between boundary faces" in warning
+    assert remedy_of(warning) == ["--weld", "--drop-degenerate"]
+    whole = tmp_path / "whole.vtu"
+    changes = summary("repair", path, *remedy_of(warning), "-o", whole)["results"]["changes"]
+    assert changes == {"weld": 4, "drop_degenerate": 1}
+    assert summary("hodge", whole)["results"]["betti_numbers"]["absolute"] == [1, 0, 0, 0]
+    assert not summary("hodge", whole)["warnings"]
 
 
 @pytest.mark.parametrize("command", ["hodge", "laplacian"])

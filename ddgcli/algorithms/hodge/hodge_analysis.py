@@ -22,11 +22,12 @@ from ddgcli.algorithms.hodge.harmonic import HarmonicBasis, harmonic_basis
 from ddgcli.algorithms.hodge.homology import Boundary, betti_numbers, generator_loops
 from ddgcli.algorithms.hodge.solid_decomposition import component_indices, joined_decomposition
 from ddgcli.algorithms.hodge.solid_homology import solid_generator_loops
-from ddgcli.errors import MeshError, ParameterError, counted
-from ddgcli.geometry.remedies import remedy_for_bad_shapes, warn_of_pieces
+from ddgcli.errors import MeshError, ParameterError
+from ddgcli.geometry.remedies import remedy_for_bad_shapes, warn_of_pieces, warn_of_solid
 from ddgcli.linalg.residual_gate import within_residuals
 from ddgcli.mesh.fields import AnnotatedMesh, finite_values
-from ddgcli.mesh.require import refuse_flat_faces, require, require_manifold_body
+from ddgcli.mesh.require import refuse_flat_faces, require
+from ddgcli.mesh.require_solid import require_manifold_body
 from ddgcli.mesh.requirements import require_sized_cells
 from ddgcli.mesh.solid_components import solid_components
 from ddgcli.mesh.tet_mesh import TetMesh
@@ -183,8 +184,7 @@ def check_mesh(mesh: SpaceMesh) -> None:
         require_sized_cells(mesh, "hodge")
         require_manifold_body(mesh, "hodge")
         require(mesh.boundary, "hodge (the boundary of the tetrahedra)")
-        _warn_of_folds(mesh)
-        warn_of_pieces(mesh)
+        warn_of_solid(mesh)
         return
     if not isinstance(mesh, TriangleMesh):
         raise MeshError("curves have no Hodge decomposition; give a surface or a mesh of tetrahedra")
@@ -200,18 +200,6 @@ def check_mesh(mesh: SpaceMesh) -> None:
             "of the faces%s",
             ", and some generators have finite order" if has_torsion else "",
         )
-
-
-def _warn_of_folds(mesh: TetMesh) -> None:
-    """Warn where tetrahedra overlap: duality counts the holes of bodies in space alone."""
-    of_cells = complex_of(mesh).derivatives[2]
-    counts = np.bincount(of_cells.indices, minlength=of_cells.shape[1])
-    folds = np.flatnonzero((counts == 2) & (of_cells.sum(axis=0) != 0))
-    if len(folds):
-        log.warning("%s both tetrahedra on one side (first: vertices %s): Betti numbers "
-                    "are those of a body in space with the same boundary, where none folds over itself",
-                    counted(len(folds), "face has", "faces have"),
-                    "-".join(map(str, mesh.triangles[folds[0]].tolist())))  # fmt: skip
 
 
 def field_place(mesh: SpaceMesh, array: NDArray, place: str) -> str:

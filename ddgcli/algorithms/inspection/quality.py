@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ddgcli.geometry.extrinsic import enclosed_volume, face_area_vector
 from ddgcli.geometry.intersections import intersecting_faces
 from ddgcli.geometry.t_junctions import t_junctions
+from ddgcli.mesh.coincident_faces import crack_faces, flat_gaps
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.ragged import repeated_rows
 from ddgcli.mesh.repair import merged_points
@@ -287,7 +288,7 @@ def dihedral_degrees(mesh: TetMesh) -> NDArray[np.float64]:
 
 
 def tetrahedra_quality(mesh: TetMesh) -> dict[str, Any]:
-    """Dihedral angles, inverted and flat cells, and faces that more than two cells share.
+    """Dihedral angles, inverted and flat cells, faces of more than two cells or of cells that overlap, gaps.
 
     Parameters
     ----------
@@ -309,6 +310,9 @@ def tetrahedra_quality(mesh: TetMesh) -> dict[str, Any]:
         "max_dihedral_degrees": np.nanmax(angle) if np.isfinite(angle).any() else None,
         "volume": float(np.abs(volume).sum()),
         "faces_with_three_or_more_cells": int((count > 2).sum()),
+        "folded_faces": len(mesh.folded_triangles),
+        "flat_gaps": len(flat_gaps(mesh)),
+        "crack_faces": len(crack_faces(mesh)),
     }
     for name, elements in (
         ("inverted_tetrahedra", np.flatnonzero((volume < 0) & ~flat)),

@@ -9,14 +9,12 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.hodge.harmonic import harmonic_basis
 from ddgcli.errors import ParameterError
+from ddgcli.geometry.remedies import warn_of_solid
 from ddgcli.linalg.eigen import Eigenpairs, NullSpace, smallest_eigenpairs
 from ddgcli.mesh.components import connected_labels
-from ddgcli.mesh.require import (
-    require,
-    require_manifold_body,
-    require_manifold_cells,
-    require_sized_solid,
-)
+from ddgcli.mesh.require import require
+from ddgcli.mesh.require_solid import require_manifold_body
+from ddgcli.mesh.requirements import require_sized_cells
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.dec import Complex, complex_of
@@ -67,9 +65,9 @@ def check_forms(mesh: TriangleMesh | TetMesh, k: int) -> Complex:
     MeshError, ParameterError
     """
     if isinstance(mesh, TetMesh):
-        require_sized_solid(mesh)
-        require_manifold_cells(mesh)
+        require_sized_cells(mesh, "laplacian")
         require_manifold_body(mesh, "the spectrum of forms")
+        warn_of_solid(mesh)
     surface = mesh.boundary if isinstance(mesh, TetMesh) else mesh
     require(surface, "the spectrum of forms", manifold=True, oriented=True)
     complex_ = complex_of(mesh)

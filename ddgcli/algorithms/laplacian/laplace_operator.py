@@ -13,7 +13,7 @@ from scipy.sparse import csr_array
 from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
 from ddgcli.choices import LAPLACE_OPERATORS, MASSES
 from ddgcli.errors import MeshError, ParameterError, counted
-from ddgcli.geometry.remedies import warn_of_pieces
+from ddgcli.geometry.remedies import warn_of_pieces, warn_of_solid
 from ddgcli.mesh.require import require
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.topology import Topology
@@ -175,7 +175,7 @@ def _solid_operator(mesh: TetMesh, name: str, mass: str) -> LaplaceOperator:
 
     L, M = solid_matrices(mesh, name, mass)
     _warn_of_isolated_vertices(mesh.vertex_component >= 0, "tetrahedron")
-    warn_of_pieces(mesh)
+    warn_of_solid(mesh)
     return LaplaceOperator(name, mass, L, M, mesh.boundary, dimension=3)
 
 

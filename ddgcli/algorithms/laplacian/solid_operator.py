@@ -6,7 +6,7 @@ from scipy.sparse import csr_array
 
 from ddgcli.choices import SOLID_MASSES, SOLID_OPERATORS
 from ddgcli.errors import MeshError, ParameterError
-from ddgcli.mesh.require import require_sized_solid
+from ddgcli.mesh.requirements import require_sized_cells
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.operators.dec import complex_of
 from ddgcli.operators.stars import hodge_star
@@ -37,7 +37,7 @@ def check_solid_operator(mesh: TetMesh, operator: str, mass: str) -> None:
         )
     if len(mesh.tetrahedra) == 0:
         raise MeshError("no tetrahedra; laplacian needs a surface or a mesh of tetrahedra")
-    require_sized_solid(mesh)
+    require_sized_cells(mesh, "laplacian")
 
 
 def solid_matrices(

@@ -12,11 +12,12 @@ from ddgcli.algorithms.repair.pipeline import RepairSteps, requirement_of
 from ddgcli.algorithms.repair.steps import near_vertices
 from ddgcli.errors import MeshError, ParameterError, counted
 from ddgcli.mesh.components import connected_labels
-from ddgcli.mesh.require import refuse_flat_cells
+from ddgcli.mesh.flat_cells import without_flat_cells
+from ddgcli.mesh.require_solid import refuse_flat_cells
 from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh
 
 log = logging.getLogger("ddgcli")
-SOLID_STEPS = ("weld", "drop_degenerate", "drop_duplicates", "split_fans", "orient", "drop_unused")
+SOLID_STEPS = ("weld", "drop_duplicates", "drop_degenerate", "split_fans", "orient", "drop_unused")
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +29,7 @@ class RepairedSolid:
     mesh : TetMesh
     input_vertex : (n,) ndarray of int64
     input_cell : (k,) ndarray of int64
+        Of a cell that replaces others: the nearest of those.
     changes : dict of str to int
         Cells or vertices that each step changed.
     """
@@ -105,7 +107,7 @@ def check_solid_steps(mesh: TetMesh, chosen_steps: RepairSteps) -> list[str]:
 def repair_solid(mesh: TetMesh, chosen_steps: RepairSteps) -> RepairedSolid:
     """Join vertices, remove cells, part bodies that touch, orient cells, drop unused vertices, as chosen.
 
-    A flat cell inside a body leaves faces of its neighbours that lie on each other; vertices stay joined.
+    Where a flat cell disappears inside a body, other cells around it take its place (`without_flat_cells`).
 
     Parameters
     ----------
@@ -131,14 +133,18 @@ def repair_solid(mesh: TetMesh, chosen_steps: RepairSteps) -> RepairedSolid:
         points, corners = points[vertex], group[corners]
         changes["weld"] = mesh.n_vertices - len(vertex)
         _check_weld(mesh, TetMesh(points, corners))
-    if "drop_degenerate" in steps:
-        cell = np.setdiff1d(cell, TetMesh(points, corners).flat_tetrahedra)
-        changes["drop_degenerate"] = len(corners) - len(cell)
-        corners = corners[cell]
     if "drop_duplicates" in steps:
-        first = np.setdiff1d(np.arange(len(cell)), TetMesh(points, corners).duplicate_tetrahedra)
+        first = np.setdiff1d(cell, TetMesh(points, corners).duplicate_tetrahedra)
         changes["drop_duplicates"] = len(cell) - len(first)
-        cell, corners = cell[first], corners[first]
+        cell, corners = first, corners[first]
+    if "drop_degenerate" in steps:
+        before = TetMesh(points, corners)
+        slim = without_flat_cells(before)
+        changes["drop_degenerate"] = len(before.flat_tetrahedra) - len(slim.flat) + slim.gaps
+        corners, cell = slim.tetrahedra, cell[slim.origin]
+        is_left = ~np.isin(np.arange(len(points)), list(slim.merged))
+        points, vertex, corners = points[is_left], vertex[is_left], (np.cumsum(is_left) - 1)[corners]
+        _warn_of_flat_cells(slim.flat)
     if "split_fans" in steps:
         corners, source = _split_fans(TetMesh.from_arrays(points, corners))
         changes["split_fans"] = len(source) - len(points)
@@ -153,6 +159,15 @@ def repair_solid(mesh: TetMesh, chosen_steps: RepairSteps) -> RepairedSolid:
         changes["drop_unused"] = len(points) - len(referenced)
         points, vertex = points[referenced], vertex[referenced]
     return RepairedSolid(TetMesh.from_arrays(points, corners), vertex, cell, changes)
+
+
+def _warn_of_flat_cells(flat: NDArray) -> None:
+    """Warn of flat cells that are left."""
+    if len(flat):
+        log.warning(
+            "%s (first: tetrahedron %d), which no change of the cells around removes: move vertices, or "
+            "mesh the body again", counted(len(flat), "flat cell is left", "flat cells are left"), flat[0],
+        )  # fmt: skip
 
 
 def _check_weld(before: TetMesh, after: TetMesh) -> None:
