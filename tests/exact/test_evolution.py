@@ -234,7 +234,11 @@ def test_a_duration_of_another_unit_is_refused_with_one_that_runs(run, tmp_path,
     assert ended.exit_code == 0, ended.stderr
     # no value exceeds the first peak, whose integral is the total: each of 100 steps rounds some ten times
     rounding = 10 * 100 * mesh.n_vertices * np.finfo(float).eps
-    assert json.loads(ended.stdout)["accuracy"]["total_drift"] < rounding
+    report = json.loads(ended.stdout)
+    assert report["accuracy"]["total_drift"] < rounding
+    # the default steps resolve a wave up to there; it was off by its amplitude
+    assert equation == "heat" or report["accuracy"]["wave_time_error"] < 0.05
+    assert not report["warnings"]
 
 
 def test_the_wave_equation_keeps_energy_and_integral_and_runs_backwards():

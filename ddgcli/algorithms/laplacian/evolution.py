@@ -93,7 +93,7 @@ def evolve_function(
     operator.integrated(start, "start")
     vertices = operator.referenced_vertices  # rows of others are empty: no equation holds there
     L, M = (csc_array(matrix)[:, vertices][vertices] for matrix in (operator.stiffness, operator.mass))
-    _check_stiffness(L, M, equation, times)
+    _check_stiffness(L, M, equation, times, start[vertices])
     solve = _heat_frames if equation == HEAT else _wave_frames
     for evolution_frame in solve(L, M, start[vertices], times):
         yield evolution_frame if len(vertices) == n else _on_all_vertices(evolution_frame, vertices, n)
@@ -120,15 +120,21 @@ def checked_start(start: NDArray, n: int) -> NDArray[np.float64]:
     return checked_values(start, n, "vertex", parameter="start", widths=(1,)).reshape(n)
 
 
-def _check_stiffness(L: csc_array, M: csc_array, equation: str, times: EvolutionTimes) -> None:
+def _check_stiffness(
+    L: csc_array, M: csc_array, equation: str, times: EvolutionTimes, start: NDArray
+) -> None:
     """Raise SolveError for steps after which rounding decides what is left of the function."""
     rate = float(L.diagonal().sum() / M.diagonal().sum()) if L.shape[0] else 0.0
     order = 1 if equation == HEAT else 2
     longest = times.steps * (MAX_STIFFNESS / rate) ** (1 / order) if rate > 0 else math.inf
     if times.duration > longest:
+        most = 0.5 * longest
+        if equation == WAVE and (frequency := _frequency(L, M, start)) > 0:
+            most = min(most, times.longest_of_waves(frequency))
+        without = "" if times.has_default_steps else ", without `time_step`"
         raise SolveError(
             f"`duration={times.duration:g}` is too long for a mesh of this size: rounding decides "
-            f"what is left of the function; give {0.5 * longest:.1g} or less"
+            f"what is left of the function; give {most:.2g} or less{without}"
         )
 
 

@@ -79,6 +79,10 @@ class EvolutionTimes:
         factor = 1 if shift > most**2 else min(max(1, math.ceil(math.sqrt(shift / PHASE_ERROR))), most)
         return replace(self, steps=self.steps * factor, every=self.every * factor)
 
+    def longest_of_waves(self, frequency: float) -> float:
+        """Duration up to which the default steps keep the phase of waves of a frequency (1/length)."""
+        return (12 * PHASE_ERROR * MAX_DEFAULT_STEPS**2) ** (1 / 3) / frequency
+
     @property
     def frame_steps(self) -> list[int]:
         """Steps at whose ends frames are; the first at the start, the last at the end."""
