@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from ddgcli.io.mesh_file import write_mesh
+from ddgcli.io.mesh_file import read_mesh, write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh, surface_arrays
 from ddgcli.mesh.tet_mesh import TetMesh
@@ -40,6 +40,7 @@ def test_a_boundary_face_has_the_value_of_its_cell(cells):
         (("hodge", "--field", "wind"), ("exact", "coexact", "harmonic")),
         (("info",), ("min_angle_degrees", "height", "wind")),
         (("repair", "--weld"), ("input_cell", "height")),
+        (("laplacian", "--form-eigen", "2"), ("eigenform_vectors_000", "eigenform_vectors_001")),
     ],
 )
 def test_a_picture_shows_an_array_on_cells(run, tmp_path, cells, monkeypatch, words, names):
@@ -57,6 +58,28 @@ def test_a_picture_shows_an_array_on_cells(run, tmp_path, cells, monkeypatch, wo
         assert drawn[-1][0] == name and len(drawn[-1][1]) == mesh.boundary.n_faces
         if name in face:
             assert np.array_equal(drawn[-1][1], face[name][mesh.boundary_cell])
+
+
+@pytest.mark.parametrize("is_solid", [True, False])
+def test_a_picture_of_eigenforms_shows_the_first_of_them(run, tmp_path, cells, monkeypatch, is_solid):
+    """It showed the sizes of the vertices."""
+    from ddgcli.plots import array
+
+    drawn = []
+    monkeypatch.setattr(
+        array, "draw_array", lambda path, mesh, name, values, **_: drawn.append((name, values))
+    )
+    path, mesh, _ = cells
+    if not is_solid:
+        path = tmp_path / "surface.ply"
+        write_mesh(str(path), AnnotatedMesh(mesh.boundary))
+    out = tmp_path / "out.vtu"
+    result = run("laplacian", path, "--form-eigen", "1", "-o", out, "--plot", tmp_path / "out.png")
+    assert result.exit_code == 0
+    ((name, values),) = drawn
+    forms = read_mesh(str(out)).face["eigenform_vectors_000"]
+    assert name == "eigenform_vectors_000" and np.ptp(values) > 0
+    assert np.allclose(values, forms[mesh.boundary_cell] if is_solid else forms)
 
 
 def test_a_page_holds_the_arrays_on_cells(run, tmp_path, cells):

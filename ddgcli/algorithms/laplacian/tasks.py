@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.laplacian.laplace_operator import LaplaceOperator
 from ddgcli.errors import ParameterError
-from ddgcli.mesh.fields import AnnotatedMesh
+from ddgcli.mesh.fields import AnnotatedMesh, surface_arrays
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -112,10 +112,14 @@ class LaplacianResult:
         return self.mesh.boundary if isinstance(self.mesh, TetMesh) else self.mesh
 
     @property
-    def picture_array(self) -> tuple[str, NDArray]:
-        """Name and values of the default array of a picture: the first that is not constant."""
-        size = next(iter(self.vertex))  # vertex_area or vertex_volume
-        names = [*(name for name in self.vertex if name != size), size]
-        name = next((n for n in names if np.ptp(self.vertex[n]) > 0), names[0])
-        values = self.vertex[name]
-        return name, values if values.ndim == 1 else np.linalg.norm(values, axis=1)
+    def picture_arrays(self) -> dict[str, NDArray]:
+        """Arrays on the vertices and the faces of `surface`; the first is the default of a picture.
+
+        It is a result that is not constant, on vertices if there is one, and else the size of the vertices.
+        """
+        size, *results = self.vertex  # vertex_area or vertex_volume
+        on_faces = surface_arrays(self.mesh, self.face)
+        arrays = {name: self.vertex[name] for name in results} | on_faces | {size: self.vertex[size]}
+        varying = (name for name, values in arrays.items() if values.size and np.ptp(values) > 0)
+        first = next(varying, next(iter(arrays)))
+        return {first: arrays[first]} | arrays

@@ -215,10 +215,11 @@ def command(
     mesh = mesh_of(source)
     check_tasks(mesh, selected_tasks)
     names = array_names(mesh, selected_tasks)
-    run.begin(names["vertex"], (*names["vertex"], *names["face"]))
+    drawn = (*names["vertex"], *names["face"])
+    run.begin(drawn, drawn)
     result = solve_laplacian_tasks(mesh, selected_tasks, run.progress("laplacian"))
-    name, values = result.picture_array
-    name, values = run.picture_array({name: values, **result.vertex}, name)
+    arrays = result.picture_arrays
+    name, values = run.picture_array(arrays, next(iter(arrays)))
     write_matrices(run, result, matrix, mass_matrix)
     run.write(result.annotated, converged=result.converged)
     if overlay is not None and result.conformal is not None:
