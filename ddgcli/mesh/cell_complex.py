@@ -71,6 +71,19 @@ class CellComplex:
         """
         return set.intersection(*(self._star_of(v) for v in vertices))
 
+    def near(self, cell: int) -> set[int]:
+        """Cells that have a vertex of a cell, that cell among them.
+
+        Parameters
+        ----------
+        cell : int
+
+        Returns
+        -------
+        set of int
+        """
+        return set.union(*(self._star_of(v) for v in self.corners(cell)))
+
     def _star_of(self, vertex: int) -> set[int]:
         if vertex not in self._star:
             cells = self._by_vertex[self._start[vertex] : self._start[vertex + 1]]

@@ -21,6 +21,7 @@ from ddgcli.mesh.vectors import row_cross, row_dot, vector_length
 MAX_RING = 10  # cells round an edge that is removed
 FLAT_FACE_TOLERANCE = 1e-7  # area of a side of a flat cell, over its largest: the side is a line
 VOLUME_TOLERANCE = 1e-12  # relative; rounding of sums
+MAX_LOST_SHARE = 1e-4  # volume of a cell at the boundary that disappears, over the largest around it
 GHOST = -1  # apex of the cones over the boundary, which close a body
 
 
@@ -80,9 +81,14 @@ def boundary_loss(cells: CellComplex, cell: int) -> Move | None:
     Returns
     -------
     Move or None
-        None where the boundary would change, or touch itself.
+        None where the boundary would change, or touch itself, and where the cell is no smaller than those
+        around it, as in a thin body.
     """
     corners = cells.corners(cell)
+    near = cells.near(cell) - {cell}
+    volume, *others = np.abs(cells.volumes([corners, *map(cells.corners, near)])).tolist()
+    if others and volume > MAX_LOST_SHARE * max(others):
+        return None
     faces = [tuple(corners[i] for i in face) for face in TET_FACES.tolist()]
     is_outer = [len(cells.around(*face)) == 1 for face in faces]
     p = cells.points[np.array(faces)]

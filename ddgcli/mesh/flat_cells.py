@@ -16,6 +16,7 @@ from ddgcli.mesh.vectors import vector_length
 
 MAX_DEPTH = 3  # changes before one that removes the flat cell
 MAX_DEGREE = 30  # edges that are removed before a vertex
+MAX_FAILURES = 60  # searches without success before the other flat cells are left
 MAX_MOVES = 500  # that the search for a chain of changes at one flat cell looks at
 
 
@@ -79,9 +80,10 @@ def _repaired(points: NDArray, tetrahedra: NDArray) -> FlatCellRepair:
     cells = CellComplex(points, tetrahedra)
     pending = TetMesh(points, tetrahedra).flat_tetrahedra.tolist()
     steps = [_remove, _remove_by_chain, _remove_by_merge, _remove_with_vertex]
+    failures: dict[tuple[str, int], frozenset[int]] = {}
     while pending:
         for step in steps:
-            n_removed, pending = _sweep(cells, pending, step)
+            n_removed, pending = _sweep(cells, pending, step, failures)
             if n_removed:
                 break
         else:
@@ -92,14 +94,26 @@ def _repaired(points: NDArray, tetrahedra: NDArray) -> FlatCellRepair:
 
 
 def _sweep(
-    cells: CellComplex, pending: list[int], step: Callable[[CellComplex, int], list[int] | None]
+    cells: CellComplex,
+    pending: list[int],
+    step: Callable[[CellComplex, int], list[int] | None],
+    failures: dict[tuple[str, int], frozenset[int]],
 ) -> tuple[int, list[int]]:
-    """Apply a step to each flat cell; the number of successes, and the flat cells that are left or new."""
+    """Apply a step to each flat cell; the number of successes, and the flat cells that are left or new.
+
+    A search that failed at a cell is tried again only where the cells around it (`failures`) have changed;
+    after `MAX_FAILURES` none is tried.
+    """
     n_removed, left = 0, []
     for cell in pending:
         if cell in cells.removed:
             continue
-        new = step(cells, cell)
+        near = frozenset(cells.near(cell))
+        key = (step.__name__, cell)
+        is_tried = step is _remove or (failures.get(key) != near and len(failures) < MAX_FAILURES)
+        new = step(cells, cell) if is_tried else None
+        if new is None and is_tried and step is not _remove:
+            failures[key] = near
         if new is None:
             left.append(cell)
         else:

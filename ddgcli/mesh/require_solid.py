@@ -15,7 +15,7 @@ from ddgcli.mesh.require import check_size
 from ddgcli.mesh.tet_mesh import FLAT_POSITION_TOLERANCE, TetMesh
 from ddgcli.mesh.vectors import vector_length
 
-MAX_TRIED = 100  # flat cells for whose message the repair is tried
+MAX_TRIED = 50  # flat cells for whose message the repair is tried
 _REPAIRED: WeakKeyDictionary[TetMesh, int] = WeakKeyDictionary()  # flat cells that the repair leaves
 
 
