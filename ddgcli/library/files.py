@@ -148,8 +148,8 @@ def read_trajectory(path: Path) -> Trajectory:
     Returns
     -------
     Trajectory
-        `n_frames`, `times` in seconds, `mesh` at the start, `points(k)`, `vertex(k)`, `frame(k)`, `scalars`;
-        iteration gives the frames. Use it in a `with` statement: it keeps the file open.
+        `n_frames`, `times` in seconds, `mesh` at the start, `points(k)`, `vertex(k)`, `read_frame(k)`,
+        `scalars`; iteration gives the frames. Use it in a `with` statement: it keeps the file open.
 
     Raises
     ------

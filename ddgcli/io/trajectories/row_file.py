@@ -13,7 +13,6 @@ so other processes read the file while it grows.
 
 from __future__ import annotations
 
-import os
 import struct
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import OutputError
+from ddgcli.io.trajectories.positioned_file import PositionedFile
 
 _HEADER_PREFIX = 16  # bytes of a version 1 object header before its first message
 METADATA_BYTES = 1 << 20  # more than groups, headers and attributes take
@@ -74,6 +74,11 @@ class RowFile:
         Writes groups, attributes and static datasets.
     static_bytes : int
         About what `fill` writes; refused beforehand (OSError) where the disk has no room for it.
+
+    Attributes
+    ----------
+    file : PositionedFile
+        For closing, and for opening it again where it was moved to.
     """
 
     def __init__(
@@ -84,27 +89,22 @@ class RowFile:
         fill: Any,
         static_bytes: int = 0,
     ) -> None:
-        self.path, self.rows = str(path), rows
+        self.rows = rows
         _need_room(path, static_bytes, sum(row.row_bytes * row.capacity for row in rows.values()))
         with h5py.File(path, "w", libver="earliest") as file:
             fill(file)
             addresses = {name: _allocate(file, name, row) for name, row in rows.items()}
-        self._fd = os.open(path, os.O_RDWR)
-        head = os.pread(self._fd, 1 << 16, 0)
+        self.file = PositionedFile(str(path))
+        head = self.file.read(1 << 16, 0)
         self._marks = {name: _only(head, sentinel, name) for name, sentinel in marks.items()}
         for name, row in rows.items():
-            row.header, row.template = _extent_field(self._fd, addresses[name], row)
+            row.header, row.template = _extent_field(self.file, addresses[name], row)
 
     def write(self, name: str, start: int, values: NDArray) -> None:
         """Put rows from row `start` on; readers do not see rows beyond the count."""
         row = self.rows[name]
         data = np.ascontiguousarray(values, dtype=row.dtype)
-        _pwrite(
-            self._fd,
-            data.tobytes(),
-            row.offset + start * row.row_bytes,
-            self.path,
-        )
+        self.file.write(data.tobytes(), row.offset + start * row.row_bytes)
 
     def show(self, name: str, count: int) -> None:
         """Let readers see `count` rows."""
@@ -114,51 +114,34 @@ class RowFile:
         field = bytearray(row.template)
         struct.pack_into("<q", field, 0, count)
         struct.pack_into("<q", field, len(field) - 8, count * row.row_bytes)
-        _pwrite(self._fd, bytes(field), row.header, self.path)
+        self.file.write(bytes(field), row.header)
         row.count = count
 
     def set_mark(self, name: str, value: bytes) -> None:
         """Overwrite a mark in place, with as many bytes as its sentinel had."""
-        _pwrite(self._fd, value, self._marks[name], self.path)
+        self.file.write(value, self._marks[name])
 
     def copy_rows(self, name: str, other: RowFile, count: int) -> None:
         """Copy the first rows of the same dataset of another file."""
         row, source = self.rows[name], other.rows[name]
         copied_bytes, total = 0, count * row.row_bytes
         while copied_bytes < total:
-            piece = os.pread(other._fd, min(1 << 24, total - copied_bytes), source.offset + copied_bytes)
-            _pwrite(self._fd, piece, row.offset + copied_bytes, self.path)
+            piece = other.file.read(min(1 << 24, total - copied_bytes), source.offset + copied_bytes)
+            self.file.write(piece, row.offset + copied_bytes)
             copied_bytes += len(piece)
-
-    def sync(self) -> None:
-        """Flush everything to the disk."""
-        os.fsync(self._fd)
-
-    def is_at(self, path: str) -> bool:
-        """Whether this file is still the one at a path."""
-        try:
-            there, own = os.stat(path), os.fstat(self._fd)
-        except OSError:
-            return False
-        return (there.st_ino, there.st_dev) == (own.st_ino, own.st_dev)
-
-    def close(self) -> None:
-        if self._fd >= 0:
-            os.close(self._fd)
-            self._fd = -1
 
 
 def _need_room(path: str | Path, static_bytes: int, row_bytes: int) -> None:
     """OSError where the disk cannot take the file: HDF5 itself crashes when a write of its own fails."""
-    fd = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+    file = PositionedFile(str(path), create=True)
     try:
-        zeros = b"\1" * (1 << 20)
-        for at in range(0, static_bytes + METADATA_BYTES, len(zeros)):
-            _pwrite(fd, zeros, at, str(path))
-        os.ftruncate(fd, static_bytes + METADATA_BYTES + row_bytes)
-        os.ftruncate(fd, 0)
+        block = b"\1" * (1 << 20)
+        for at in range(0, static_bytes + METADATA_BYTES, len(block)):
+            file.write(block, at)
+        file.truncate(static_bytes + METADATA_BYTES + row_bytes)
+        file.truncate(0)
     finally:
-        os.close(fd)
+        file.close()
 
 
 def _allocate(file: h5py.File, name: str, row: RowLayout) -> int:
@@ -182,9 +165,9 @@ def _allocate(file: h5py.File, name: str, row: RowLayout) -> int:
     return int(h5py.h5o.get_info(dataset).addr)
 
 
-def _extent_field(fd: int, address: int, row: RowLayout) -> tuple[int, bytes]:
+def _extent_field(file: PositionedFile, address: int, row: RowLayout) -> tuple[int, bytes]:
     """Place and bytes of the header from the first extent to the end of the storage size."""
-    header = os.pread(fd, 1 << 14, address)
+    header = file.read(1 << 14, address)
     if header[0] != 1:
         raise OutputError("the HDF5 library wrote an object header that rows cannot be added to")
     at, first, end = _HEADER_PREFIX, -1, -1
@@ -209,15 +192,3 @@ def _only(data: bytes, sentinel: bytes, name: str) -> int:
     if data.count(sentinel) != 1:
         raise OutputError(f"the mark {name} was not found once in the file's head")
     return data.index(sentinel)
-
-
-def _pwrite(fd: int, data: Any, offset: int, path: str) -> None:
-    view = memoryview(data)
-    while len(view):
-        try:
-            n_bytes = os.pwrite(fd, view, offset)
-        except OSError as error:
-            raise OutputError(
-                f"{path}: cannot be written ({error.strerror}); free some disk space"
-            ) from error
-        view, offset = view[n_bytes:], offset + n_bytes

@@ -173,24 +173,26 @@ class TrajectoryWriter:
                     new.copy_rows(name, old, min(old.rows[name].count, rows[name].capacity))
             self._logged = 0
             write_rows()
+            for row_file in filter(None, (old, new)):  # Windows moves no open file
+                row_file.file.close()
             os.replace(temporary, self.partial_path)
-            new.path = self.partial_path
+            new.file.reopen(self.partial_path)
         except BaseException as error:
-            with contextlib.suppress(FileNotFoundError):
-                os.unlink(temporary)
             new_file = self._file
-            if new_file is not None and new_file is not old:  # a signal may come after it took its place
-                if new_file.is_at(self.partial_path):
-                    new_file.path = self.partial_path
-                else:
-                    new_file.close()
-                    self._file, self._rows, self.n_frames, self._logged = before
+            # a signal may come after it took its place
+            moved = new_file is not None and new_file is not old and new_file.file.is_at(self.partial_path)
+            if new_file is not None:
+                new_file.file.close()
+            if not moved:
+                self._file, self._rows, self.n_frames, self._logged = before
+                with contextlib.suppress(OSError):
+                    os.unlink(temporary)
+            if self._file is not None:
+                self._file.file.reopen(self.partial_path)
             if isinstance(error, OSError):
                 why = os.strerror(error.errno) if error.errno else excerpt(error)
                 raise OutputError(f"{self.path}: cannot be written ({why}); free some disk space") from error
             raise
-        if old is not None:
-            old.close()
 
     def close(
         self, status: str, log: Iterable[tuple] = (), staged: StagedOutputs | None = None, keep: bool = True
@@ -202,7 +204,7 @@ class TrajectoryWriter:
         """
         if self._file is None:
             return None
-        if not self._file.is_at(self.partial_path):
+        if not self._file.file.is_at(self.partial_path):
             raise OutputError(
                 f"{self.partial_path}: another run took this place; give each run its own output"
             )
@@ -217,8 +219,8 @@ class TrajectoryWriter:
             self._put_log()
             self._file.show("ddgcli/log", self._logged)
         self._file.set_mark("status", _status_bytes(status))
-        self._file.sync()
-        self._file.close()
+        self._file.file.sync()
+        self._file.file.close()
         self._file = None
         if complete:
             if staged is None:
@@ -273,6 +275,7 @@ class TrajectoryWriter:
             def write_frames() -> None:
                 for k in range(last + 1):
                     writer._write_frame(old.read_frame(k), checkpoint if k == last else {}, effects)
+                old.close()
 
             writer._lay_out(rows, write_frames)
         is_partial = partial_path.endswith(".part")  # a whole trajectory stays
