@@ -6,6 +6,8 @@ first used. `docs/library.md` shows recipes. Warnings go to `logging.getLogger("
 
 from __future__ import annotations
 
+from _thread import RLock
+
 __version__ = "0.1.0"
 
 # module of `ddgcli.library` -> names that it exports
@@ -48,6 +50,10 @@ _MODULE["errors"] = "ddgcli.errors"
 
 __all__ = ["__version__", *sorted(_MODULE)]
 
+# numpy fails if threads begin its import at the same time. No module of the package uses a name of the table
+# while it is imported, so a thread that has an import lock never waits for this one.
+_import_lock = RLock()
+
 TYPE_CHECKING = False  # type checkers assume it is true; importing `typing` would cost milliseconds
 if TYPE_CHECKING:
     from ddgcli import errors as errors
@@ -76,9 +82,10 @@ def __getattr__(name: str) -> object:
         raise AttributeError(f"module 'ddgcli' has no attribute {name!r}")
     import importlib
 
-    module = importlib.import_module(_MODULE[name])
-    value = module if name == "errors" else getattr(module, name)
-    globals()[name] = value
+    with _import_lock:
+        module = importlib.import_module(_MODULE[name])
+        value = module if name == "errors" else getattr(module, name)
+        globals()[name] = value
     return value
 
 

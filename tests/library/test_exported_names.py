@@ -71,6 +71,39 @@ def test_use_of_a_name_loads_its_module_alone():
     assert shown.stdout.split() == ["False", "False"]
 
 
+def test_several_threads_may_use_names_first():
+    """numpy fails, or recurses without end, if threads begin its import at the same time."""
+    code = """
+import threading, ddgcli
+start, errors = threading.Barrier(8), []
+def use(names):
+    start.wait()
+    try:
+        for name in names:
+            getattr(ddgcli, name)
+    except BaseException as error:
+        errors.append(error)
+names = ("curvature", "read_mesh", "eigenpairs", "simulate", "icosphere", "torus", "errors", "trace")
+threads = [threading.Thread(target=use, args=(names[k:] + names[:k],)) for k in range(8)]
+for thread in threads:
+    thread.start()
+for thread in threads:
+    thread.join()
+print(errors)
+"""
+    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert (shown.stdout, shown.stderr) == ("[]\n", "")
+
+
+def test_no_module_of_the_package_uses_exported_names_while_it_is_imported():
+    """A thread that imports it would wait for the lock of these names, and another one for the module."""
+    lazy = set(ddg.__all__) - {"__version__"}
+    source = "\n".join(path.read_text(encoding="utf-8") for path in PACKAGE.rglob("*.py"))
+    lines = re.findall(r"^ *from ddgcli import (.+)$", source, re.MULTILINE)
+    assert lines and not lazy & {name.split(" ")[0] for line in lines[1:] for name in line.split(", ")}
+    assert not re.search(r"^ *import ddgcli\b", source, re.MULTILINE)
+
+
 def test_dir_lists_what_is_exported_and_unknown_names_are_refused():
     assert dir(ddg) == sorted(ddg.__all__)
     with pytest.raises(AttributeError, match="no attribute 'curvatur'"):
