@@ -95,7 +95,8 @@ def write_content(file: IO[bytes], content: FileContent) -> None:
 def atomic_output(path: str, staged: StagedOutputs | None = None) -> Iterator[str]:
     """A temporary path beside `path` (same extension) that is renamed to it if the block raises nothing.
 
-    A link is followed; the permissions of a replaced file are kept. After an error no file remains.
+    A link is followed; the permissions of a replaced file are kept, a new one has those of the umask. After
+    an error no file remains.
 
     Parameters
     ----------
@@ -119,9 +120,11 @@ def atomic_output(path: str, staged: StagedOutputs | None = None) -> Iterator[st
         partial = temporary_name(target, target.suffix)
         completed = False
         try:
-            create_new(partial)
+            permissions = stat.S_IMODE(target.stat().st_mode) & 0o777 if target.exists() else None
+            create_new(partial, private=permissions is not None)
             yield partial
-            os.chmod(partial, _mode(target))
+            if permissions is not None:
+                os.chmod(partial, permissions)
             if staged is None:
                 os.replace(partial, target)
             else:
@@ -134,12 +137,3 @@ def atomic_output(path: str, staged: StagedOutputs | None = None) -> Iterator[st
         raise OutputError(
             f"{path}: cannot be written ({error.strerror or error}); nothing was changed"
         ) from error
-
-
-def _mode(target: Path) -> int:
-    """Permissions of the replaced file, or of a new one by the umask."""
-    if target.exists():
-        return target.stat().st_mode & 0o777
-    mask = os.umask(0)
-    os.umask(mask)
-    return 0o666 & ~mask

@@ -83,19 +83,23 @@ def temporary_name(target: Path, suffix: str = "") -> str:
     return str(target.parent / f"{beginning}{os.getpid()}-{os.urandom(4).hex()}{suffix}")
 
 
-def create_new(path: str) -> None:
-    """Create an empty file that only its owner reads.
+def create_new(path: str, *, private: bool) -> None:
+    """Create an empty file.
+
+    The system applies the umask: to read the umask is to change it, also for the other threads.
 
     Parameters
     ----------
     path : str
+    private : bool
+        Only its owner reads it.
 
     Raises
     ------
     OSError
         There is one already, or it cannot be created.
     """
-    os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600))
+    os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600 if private else 0o666))
 
 
 def _host() -> str:

@@ -1,9 +1,14 @@
 """Outputs never replace an input or each other, and a failed write leaves the old file."""
 
+import os
+
 import numpy as np
+import pytest
 
 from ddgcli.errors import OutputError
-from ddgcli.io.mesh_file import read_mesh
+from ddgcli.io.mesh_file import read_mesh, write_mesh
+from ddgcli.mesh import shapes
+from ddgcli.mesh.fields import AnnotatedMesh
 from tests.cli.test_command_group import refused
 
 
@@ -18,6 +23,22 @@ def test_wrong_outputs_are_refused_before_reading(run, tmp_path):
     refused(run("info", nowhere, "-q", "-v"), "-q")
     refused(run("info", nowhere), "no such file")
     refused(run("info", tmp_path), "is a folder")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="the umask is of POSIX systems")
+def test_permissions_are_those_of_the_umask_or_of_the_replaced_file(tmp_path, monkeypatch):
+    """To read the umask is to change it: a file of another thread then had all permissions."""
+    before = os.umask(0o027)
+    try:
+        with monkeypatch.context() as patch:
+            patch.setattr(os, "umask", lambda mask: pytest.fail("the umask was changed"))
+            write_mesh(str(tmp_path / "a.ply"), AnnotatedMesh(shapes.box()))
+            os.chmod(tmp_path / "a.ply", 0o604)
+            write_mesh(str(tmp_path / "a.ply"), AnnotatedMesh(shapes.box()))
+            write_mesh(str(tmp_path / "b.ply"), AnnotatedMesh(shapes.box()))
+    finally:
+        os.umask(before)
+    assert [os.stat(tmp_path / name).st_mode & 0o777 for name in ("a.ply", "b.ply")] == [0o604, 0o640]
 
 
 def test_two_outputs_with_one_name_are_an_error(run, torus, tmp_path):
