@@ -1,6 +1,7 @@
 """Memory that a computation may take, and the refusal of what cannot fit."""
 
 import os
+import sys
 
 from ddgcli.errors import ParameterError
 
@@ -9,7 +10,10 @@ try:
 except ImportError:  # Windows sets no such limits
     resource = None  # type: ignore[assignment]
 
-__all__ = ["available_memory", "check_memory", "memory_limit", "release_freed_memory", "resident_memory"]
+__all__ = [
+    "available_memory", "check_memory", "memory_limit", "peak_by_getrusage", "release_freed_memory",
+    "resident_memory",
+]  # fmt: skip
 
 MAX_BYTES = 16 * 2**30  # of one result, checked before it is allocated
 CGROUP_FILES = (
@@ -65,8 +69,22 @@ def resident_memory() -> tuple[float, float]:
     """
     peak = _proc_value("/proc/self/status", "VmHWM:")
     if peak is None:
-        peak = 0.0 if resource is None else resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024.0
+        peak = peak_by_getrusage()
     return _proc_value("/proc/self/status", "VmRSS:") or peak, peak
+
+
+def peak_by_getrusage() -> float:
+    """Peak memory of this process, as `getrusage` reports it.
+
+    Returns
+    -------
+    float
+        In bytes; 0 where the system does not report it.
+    """
+    if resource is None:
+        return 0.0
+    unit = 1 if sys.platform == "darwin" else 1024  # bytes on macOS, KiB elsewhere
+    return float(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit)
 
 
 def memory_limit() -> float:

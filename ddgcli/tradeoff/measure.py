@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from ddgcli.errors import DdgError, SolveError
-from ddgcli.memory import release_freed_memory
+from ddgcli.memory import peak_by_getrusage, release_freed_memory
 from ddgcli.progress import ProgressCallback
 from ddgcli.tradeoff.candidates import (
     Candidate,
@@ -323,9 +323,7 @@ def _peak_of_forked_child(call: Callable[[], Any]) -> float:
 
 
 def _run_in_child(call: Callable[[], Any], pipe: Any) -> None:
-    import resource
-
     logging.getLogger("ddgcli").handlers[:] = [logging.NullHandler()]
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    before = peak_by_getrusage()
     call()
-    pipe.send((resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024)
+    pipe.send((peak_by_getrusage() - before) / 2**20)

@@ -4,6 +4,7 @@ import os
 import platform
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
 
@@ -53,3 +54,15 @@ def test_memory_kept_for_arrays_counts_as_available():
     held_bytes, still_kept, released = (float(word) for word in process.stdout.split())
     assert held_bytes - released > 300 * 2**20
     assert held_bytes - still_kept < 2**20  # where the rest suffices nothing is released
+
+
+@pytest.mark.parametrize(("system", "unit"), [("darwin", 1), ("linux", 1024)])
+def test_peak_memory_has_the_unit_of_the_system(monkeypatch, system, unit):
+    """macOS reports bytes, other systems KiB: a prediction there was 1024 times too large."""
+    from ddgcli import memory
+
+    usage = SimpleNamespace(ru_maxrss=3_000_000)
+    monkeypatch.setattr(memory, "resource", SimpleNamespace(RUSAGE_SELF=0, getrusage=lambda who: usage))
+    monkeypatch.setattr(memory, "_proc_value", lambda path, name: None)
+    monkeypatch.setattr(sys, "platform", system)
+    assert memory.resident_memory() == (3_000_000 * unit, 3_000_000 * unit)
