@@ -20,6 +20,7 @@ from ddgcli.plots.array import draw_array
 from ddgcli.plots.curve import draw_curves
 from ddgcli.plots.page import FORMATS, size_in_inches
 from ddgcli.plots.raster import VIEWS
+from ddgcli.plots.viewpoint import curve_interest
 
 __all__ = ["write_picture"]
 
@@ -53,7 +54,8 @@ def write_picture(
     curves : sequence of (k, 3) array_like
         Polylines on the surface, such as `shortest_paths(...).polylines`.
     view : {'x', 'y', 'z', 'iso'} or (float, float), optional
-        Direction to look along, or elevation and azimuth in degrees; by default the one that shows most.
+        Direction to look along, or elevation and azimuth in degrees; by default the one that shows
+        most of the curves, or of large values.
     up : {'x', 'y', 'z'}, optional
         Axis that points up on the page.
     edges : bool
@@ -100,6 +102,10 @@ def write_picture(
                 parameter="mesh",
             )
         _check_length(array, (shape.n_vertices, shape.n_faces))
+        if len(curves):
+            look["interest"] = curve_interest(
+                shape, [np.asarray(curve, dtype=np.float64) for curve in curves]
+            )
         draw_array(target, shape, label, array, curves=curves, edges=edges, **look)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.plots.page import PAGE_WIDTH
+from ddgcli.plots.page import PAGE_WIDTH, no_backend_variable
 
 ROUNDING_SHARE = 1e-10  # values below this share of the largest are rounding
 MIN_RANGE_SHARE = 0.05  # of the size of the values: a narrower range would magnify noise
@@ -156,8 +156,9 @@ def colours(diverging: bool) -> Any:
     -------
     matplotlib.colors.Colormap
     """
-    from matplotlib import colormaps
-    from matplotlib.colors import LinearSegmentedColormap
+    with no_backend_variable():
+        from matplotlib import colormaps
+        from matplotlib.colors import LinearSegmentedColormap
 
     # shading would make the ends of RdBu too dark
     ends = (0.08, 0.92) if diverging else (0.04, 1.0)

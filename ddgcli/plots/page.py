@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import textwrap
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -87,14 +88,35 @@ def page(path: str, width: float = 7.0, height: float = 5.25, dpi: float = 200) 
         matplotlib is not installed.
     """
     require_matplotlib()
-    import matplotlib
-    from matplotlib.figure import Figure
+    with no_backend_variable():
+        import matplotlib
+        from matplotlib.figure import Figure
 
-    with matplotlib.rc_context(_STYLE):
+    # a matplotlibrc file of the user changes nothing
+    defaults = {name: value for name, value in matplotlib.rcParamsDefault.items() if "backend" not in name}
+    with matplotlib.rc_context({**defaults, **_STYLE}):
         # a hundredth of a pixel more, because the number of pixels is rounded down
         figure = Figure(figsize=(width + 0.01 / dpi, height + 0.01 / dpi), dpi=dpi)
         yield figure
         figure.savefig(path, dpi=dpi, metadata=_NO_DATE[Path(path).suffix.lower()])
+
+
+@contextmanager
+def no_backend_variable() -> Iterator[None]:
+    """Hide MPLBACKEND from the import of matplotlib, which fails where that backend is not installed.
+
+    Figures are written without a backend. Jupyter exports the variable to the programs that it starts.
+
+    Yields
+    ------
+    None
+    """
+    backend = os.environ.pop("MPLBACKEND", None)
+    try:
+        yield
+    finally:
+        if backend is not None:
+            os.environ["MPLBACKEND"] = backend
 
 
 def cells(count: int, extents: NDArray, area: Box, page_ratio: float) -> list[Box]:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from ddgcli.geometry.extrinsic import face_area_vector
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.plots.raster import VIEWS, View, flat_view, view_axes
+from ddgcli.plots.raster import VIEWS, View, flat_view, unit_box, view_axes
 
 BASE_LAYER = 0.02  # of the height: points of the base of a shape
 MIN_BASE_RATIO = 2.0  # of base areas, for y as up axis
@@ -84,3 +87,30 @@ def best_view(mesh: TriangleMesh, interest: NDArray | None, up: str) -> View:
     if amount[best] <= MIN_VIEW_GAIN * amount[0]:
         return None
     return (elevation if best < len(AZIMUTHS) else -elevation, AZIMUTHS[best % len(AZIMUTHS)])
+
+
+def curve_interest(mesh: TriangleMesh, curves: Sequence[NDArray]) -> NDArray[np.float64]:
+    """Weights of the faces for a view that shows curves on the surface: length of the curves per area.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    curves : sequence of (k, 3) ndarray
+        Polylines whose segments are about as long as the edges, or shorter.
+
+    Returns
+    -------
+    (m,) ndarray
+        A segment counts at the face whose barycentre is nearest to its middle.
+    """
+    placed = unit_box(mesh.points)
+    mesh = mesh.moved_unchecked(placed(mesh.points))
+    polylines = [placed(curve) for curve in curves]
+    segments = np.concatenate([np.stack([curve[:-1], curve[1:]], axis=1) for curve in polylines])
+    segments = segments[np.isfinite(segments).all(axis=(1, 2))]
+    if mesh.n_faces == 0 or len(segments) == 0:
+        return np.zeros(mesh.n_faces)
+    face = cKDTree(mesh.points[mesh.faces].mean(axis=1)).query(segments.mean(axis=1))[1]
+    length = np.bincount(face, np.linalg.norm(np.diff(segments, axis=1)[:, 0], axis=1), mesh.n_faces)
+    area = np.linalg.norm(face_area_vector(mesh), axis=1)
+    return np.divide(length, area, out=np.zeros(mesh.n_faces), where=area > 0)

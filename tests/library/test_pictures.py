@@ -1,10 +1,15 @@
 """Pictures of the library are those of the command line."""
 
+import os
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
 import ddgcli as ddg
 
+matplotlib = pytest.importorskip("matplotlib")
 image = pytest.importorskip("matplotlib.image")
 TORUS = ddg.torus(24, 12)
 SQUARE = ([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1], [1, 2], [2, 3], [3, 0]])
@@ -38,6 +43,44 @@ def test_dollars_in_names_are_no_formulas(name, tmp_path):
     """Once matplotlib read a formula between two of them: an error, or a picture with another name."""
     ddg.write_picture(tmp_path / "a.svg", SQUARE, [0, 1, 2, 3], name=name)
     assert f">{name}<" in (tmp_path / "a.svg").read_text()
+
+
+def test_a_picture_shows_the_side_of_its_curves(tmp_path):
+    """Also where the values are large on the other side."""
+    ball = ddg.icosphere(3)
+    angle = np.linspace(0.0, 1.0, 20)
+    for azimuth in (-60, 30, 120, 210):
+        turn = angle - 0.5 + np.radians(azimuth)
+        curve = np.column_stack([np.cos(turn), np.sin(turn), 0 * turn])
+        values = np.exp(-3 * ((ball.points + curve[10]) ** 2).sum(axis=1))
+        ddg.write_picture(tmp_path / "a.png", ball, values, curves=[curve], size=(200, 200))
+        black = (image.imread(tmp_path / "a.png")[:170, :150, :3] < 0.05).all(axis=2).sum()
+        assert black > 20
+
+
+def test_a_backend_that_is_not_installed_is_not_loaded(tmp_path):
+    """Jupyter exports the name of its own to the programs that it starts."""
+    code = (
+        "import os, sys, ddgcli as ddg\n"
+        "ddg.write_picture(sys.argv[1], ddg.box())\n"
+        "print(os.environ['MPLBACKEND'])"
+    )
+    backend = "module://matplotlib_inline.backend_inline"
+    environment = {**os.environ, "MPLBACKEND": backend}
+    call = [sys.executable, "-c", code, str(tmp_path / "a.png")]
+    shown = subprocess.run(call, env=environment, capture_output=True, text=True, timeout=60)
+    assert (shown.stdout.strip(), shown.stderr) == (backend, "")
+
+
+def test_settings_of_matplotlib_change_no_picture(tmp_path):
+    pictures = []
+    own = {"font.size": 30, "image.origin": "lower", "savefig.bbox": "tight", "text.usetex": True}
+    for settings in ({}, own):
+        with matplotlib.rc_context(settings):
+            ddg.write_picture(tmp_path / "a.png", TORUS, TORUS.points[:, 2], name="z", size=(200, 200))
+            assert matplotlib.rcParams["text.usetex"] == settings.get("text.usetex", False)
+        pictures.append((tmp_path / "a.png").read_bytes())
+    assert pictures[0] == pictures[1]
 
 
 def test_curves_and_tetrahedra_have_pictures(tmp_path):

@@ -85,6 +85,7 @@ def draw_distance(
 
     from ddgcli.algorithms.geodesics.isolines import even_levels, isolines
     from ddgcli.plots.array import draw_array
+    from ddgcli.plots.viewpoint import curve_interest
 
     vertex, sources = result.vertex, result.sources
     curves = [] if result.curves is None else _polylines(mesh, result.curves.paths)
@@ -104,7 +105,9 @@ def draw_distance(
     picture: dict[str, Any] = {"points": points, "curves": heavy, "level_lines": thin, **run.picture_options}
     if result.curves is not None and "darboux_normal" in result.curves.arrays:
         picture |= darboux_arrows(mesh, result.curves)
-    if distance is not None:
+    if heavy:
+        picture["interest"] = curve_interest(mesh, heavy)
+    elif distance is not None:
         picture["interest"] = np.where(np.isfinite(distance), (1 - distance / (largest or 1.0)) ** 2, 0.0)
     if run.common.show is None and distance is not None and default != "region":
         picture |= {"label": "geodesic distance", "limits": (0.0, largest or 1.0)}
