@@ -140,6 +140,58 @@ def test_runs_that_would_write_one_file_are_refused(words, run, tmp_path):
     assert "would both be written to p.png; add {stem} or {name} or {index}" in result.stderr
 
 
+@pytest.mark.parametrize(("system", "is_refused"), [("win32", True), ("darwin", True), ("linux", False)])
+def test_outputs_that_differ_in_case_alone_are_one_file_where_the_system_ignores_case(
+    system, is_refused, monkeypatch
+):
+    monkeypatch.setattr(sys, "platform", system)
+    inputs = ["x/Part.ply", "y/part.ply"]
+    if not is_refused:
+        assert len(make_tasks(inputs, {}, "{stem}.vtu", ["info"])) == 2
+        return
+    with pytest.raises(ParameterError, match=r"would both be written to part.vtu; add \{index\}$"):
+        make_tasks(inputs, {}, "{stem}.vtu", ["info"])
+
+
+def test_the_message_of_a_run_that_is_done_is_its_last_warning(inputs, monkeypatch):
+    code = "import sys; print('Warning: first', file=sys.stderr); print('Warning: last', file=sys.stderr)"
+    monkeypatch.setattr(process, "PROGRAM", (sys.executable, "-c", code))
+    row = process.run_task(make_tasks(paths(inputs, "a.ply"), {}, None, ["info"])[0], TaskLimits())
+    assert (row.status, row.message) == ("done", "Warning: last")
+
+
+def test_a_run_stopped_at_a_limit_leaves_no_temporary_file_where_exit_codes_are_positive(
+    tmp_path, monkeypatch
+):
+    """Windows gives a process that it ends the exit code 1."""
+    code = (
+        "import sys, time\n"
+        "from ddgcli.io.output_file import atomic_output\n"
+        "with atomic_output(sys.argv[-3]):\n"
+        "    open(sys.argv[-3] + '.began', 'w').close()\n"
+        "    time.sleep(60)\n"
+    )
+    monkeypatch.setattr(process, "PROGRAM", (sys.executable, "-c", code))
+    began = tmp_path / "a.vtu.began"
+
+    def stop_by_code_1(child):
+        child.kill()
+        child.wait()
+        child.returncode = 1
+
+    monkeypatch.setattr(process, "_kill", stop_by_code_1)
+    stop = threading.Event()
+    (tmp_path / "a.ply").write_text("a")
+    task = make_tasks([str(tmp_path / "a.ply")], {}, str(tmp_path / "{stem}.vtu"), ["info"])[0]
+    with ThreadPoolExecutor() as pool:
+        row = pool.submit(process.run_task, task, TaskLimits(seconds=60.0), stop=stop)
+        while not (began.exists() or row.done()):
+            time.sleep(0.02)
+        stop.set()
+    assert (row.result().status, row.result().exit_code) == ("killed", None)
+    assert {path.name for path in tmp_path.iterdir()} == {"a.ply", began.name}
+
+
 def test_a_value_that_is_swept_twice_is_refused():
     with pytest.raises(ParameterError, match="a value twice"):
         parsed_sweeps(["radius=1,2,1"])

@@ -91,10 +91,11 @@ def run_task(
         seconds = time.perf_counter() - began
         summary, message = _content(out), _content(err).strip().splitlines()
     code = process.returncode
-    if code < 0:
+    is_killed = bool(reason) or code < 0  # Windows has no codes below 0
+    if is_killed:
         for path in task.output_files:
             _remove_partial_output(path, began_at)
-    status = reason or ("done" if code == 0 else "killed" if code < 0 else "failed")
+    status = reason or ("done" if code == 0 else "killed" if is_killed else "failed")
     if status == "failed" and any("out of memory" in line for line in message):
         status = "memory"
     return TaskRow(
@@ -104,11 +105,11 @@ def run_task(
         task.parameters,
         task.output,
         status,
-        code if code >= 0 else None,
+        None if is_killed else code,
         round(seconds, 3),
         peak,
         file_hash(task.input),
-        message[-1][:MESSAGE_LENGTH] if message and status != "done" else "",
+        message[-1][:MESSAGE_LENGTH] if message else "",
         _collected(summary, collect),
     )
 

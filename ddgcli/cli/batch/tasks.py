@@ -8,6 +8,7 @@ import os
 import re
 import shlex
 import string
+import sys
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -172,7 +173,7 @@ def make_tasks(
         words, places = _output_places(words, output_options)
         task = Task(index, path, dict(parameters), output, tuple(words), places)
         for file in (words[k] for k in places):
-            if (other := owner.setdefault(file, task)) is not task:
+            if (other := owner.setdefault(_file_name(file), task)) is not task:
                 raise _shared_output_error(other, task, file)
         tasks.append(task)
     return tasks
@@ -231,10 +232,16 @@ def _output_places(
     return apart, tuple(k for k, (word, following) in pairs if word in output_options and following != "-")
 
 
+def _file_name(path: str) -> str:
+    """What equals for two paths of one file: Windows and macOS ignore the case of letters."""
+    return path.casefold() if sys.platform in ("win32", "darwin") else path
+
+
 def _shared_output_error(first: Task, second: Task, output: str) -> ParameterError:
     """Error of two tasks that would write one file, with the fields in which they differ."""
     own, other = (_fields(task.input, task.index, task.parameters) for task in (first, second))
-    differ = [name for name in (*first.parameters, "stem", "name", "index") if own[name] != other[name]]
+    names = (*first.parameters, "stem", "name", "index")
+    differ = [name for name in names if _file_name(own[name]) != _file_name(other[name])]
     remedies = " or ".join(f"{{{name}}}" for name in differ)
     if first.input == second.input:
         return ParameterError(
