@@ -90,10 +90,7 @@ def measure_curves(
     results |= {name: _range(vertex[name]) for name in names}
     if len(each) > 1:
         results["curves"] = each
-    if not residuals:
-        log.warning("turning_number is unknown: only a closed curve in the plane has one; %s",
-                    "this one is open" if planar else "this one is in space")  # fmt: skip
-    elif planar and not parallel:
+    if residuals and planar and not parallel:
         log.warning(
             "turning_number and total_signed_curvature have no sum over curves in planes that are not "
             "parallel: see those of each curve"
