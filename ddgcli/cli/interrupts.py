@@ -13,6 +13,7 @@ from typing import Any
 
 from ddgcli.cli.early_interrupt import end_at_once
 
+PARTIAL_RUN = "ddgcli.partial_run"  # key of `meta` of the context: path of an incomplete trajectory
 REPEAT_DELAY = 0.01  # seconds after which a signal whose exception was dropped is delivered again
 
 _received: BaseException | None = None

@@ -17,7 +17,7 @@ from ddgcli import __version__
 from ddgcli.cli.clock import ImportClock
 from ddgcli.cli.help_pages import with_help_pages
 from ddgcli.cli.imports import with_deferred_imports
-from ddgcli.cli.interrupts import Terminated, received_signal, signals_as_exceptions
+from ddgcli.cli.interrupts import PARTIAL_RUN, Terminated, received_signal, signals_as_exceptions
 from ddgcli.cli.multi_value import repeat_options
 from ddgcli.cli.parameters import option_names
 from ddgcli.cli.streams import open_standard_streams
@@ -50,6 +50,7 @@ COMMANDS = {
 # words of click for the kinds of numbers
 NUMBER_WORDS = {"integer range": "a whole number", "float range": "a number"}
 OUTPUT_ERRNOS = (errno.ENOSPC, errno.EFBIG, errno.EIO, errno.EROFS)  # disk full, read-only, ...
+UNMAPPED = "failed to map segment"  # of a library, in the message of the system's loader: no memory
 UNREACHABLE_ERRNOS = (errno.EACCES, errno.EPERM, errno.ENAMETOOLONG, errno.ELOOP)  # of a path in the call
 
 
@@ -124,6 +125,8 @@ class CommandGroup(click.Group):
         except DdgError as error:
             if error.exit_code != 2:
                 _commit_outputs(ctx)
+            if isinstance(error.__cause__, OSError) and error.__cause__.errno in OUTPUT_ERRNOS:
+                _discard_output()
             raise CommandError(_error_line(error, ctx), error.exit_code) from error
         except click.UsageError as error:
             raise CommandError(_usage(error), 2) from error
@@ -138,6 +141,8 @@ class CommandGroup(click.Group):
         except (click.ClickException, click.exceptions.Exit, click.Abort):
             raise
         except OSError as error:
+            if error.errno == errno.ENOENT and _is_folder_deleted():
+                raise CommandError("the current folder was deleted; change to another one", 2) from error
             if error.errno in UNREACHABLE_ERRNOS and error.filename is not None:
                 raise CommandError(_unreachable(error), 2) from error
             if error.errno not in OUTPUT_ERRNOS or ctx.params.get("debug"):
@@ -149,7 +154,18 @@ class CommandGroup(click.Group):
                 _end_by_signal(ctx)
             if isinstance(error.__context__, MemoryError):  # cleaning up failed, too
                 raise _out_of_memory(error.__context__, ctx) from error
+            if isinstance(error, ImportError) and UNMAPPED in str(error):
+                raise _out_of_memory(MemoryError("a library does not fit"), ctx) from error
             raise _internal(error, ctx) from error
+
+
+def _is_folder_deleted() -> bool:
+    """Whether the current folder is no longer there."""
+    try:
+        os.getcwd()
+    except FileNotFoundError:
+        return True
+    return False
 
 
 def _unreachable(error: OSError) -> str:
@@ -166,7 +182,8 @@ def _unwritten(error: OSError) -> CommandError:
 
 def _out_of_memory(error: MemoryError, ctx: click.Context) -> CommandError:
     _commit_outputs(ctx)
-    return CommandError(f"out of memory ({error}); use a smaller mesh or fewer outputs", 1)
+    reason = f" ({error})" if str(error) else ""
+    return CommandError(f"out of memory{reason}; use a smaller mesh or fewer outputs", 1)
 
 
 def _commit_outputs(ctx: click.Context) -> None:
@@ -178,7 +195,8 @@ def _commit_outputs(ctx: click.Context) -> None:
 def _end_by_signal(ctx: click.Context) -> None:
     _commit_outputs(ctx)
     number = received_signal() or signal.SIGINT
-    click.echo("Interrupted" if number == signal.SIGINT else f"Ended by {number.name}", err=True)
+    remedy = f"; continue with --resume {ctx.meta[PARTIAL_RUN]}" if PARTIAL_RUN in ctx.meta else ""
+    click.echo(("Interrupted" if number == signal.SIGINT else f"Ended by {number.name}") + remedy, err=True)
     ctx.exit(128 + number)
 
 

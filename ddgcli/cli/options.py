@@ -195,7 +195,7 @@ REAL_NUMBER = Real()
 POSITIVE_NUMBER = Real(above=0)
 NONNEGATIVE_NUMBER = Real(least=0)
 
-mesh_arg = click.argument("mesh_path", metavar="MESH", type=click.Path())
+mesh_arg = click.argument("mesh_path", metavar="MESH", type=click.Path(readable=False))
 subdivide = click.option(
     "--subdivide",
     type=click.IntRange(0, MAX_SUBDIVISIONS),
@@ -209,7 +209,7 @@ solver = click.option(
     help="Solver of definite systems: multigrid (an extra) and conjugate-gradients store no factors, whose "
     "memory grows faster than the mesh.  [default: auto, DDGCLI_SOLVER]",
 )
-scene_arg = click.argument("scene_path", metavar="SCENE", required=False, type=click.Path())
+scene_arg = click.argument("scene_path", metavar="SCENE", required=False, type=click.Path(readable=False))
 
 _OUTPUT_OPTIONS = (
     click.option("-o", "--output", "outputs", multiple=True, metavar="PATH",

@@ -220,7 +220,8 @@ def _bytes(path: str) -> bytes:
     except MeshFileError:
         raise
     except (OSError, ValueError) as error:
-        raise MeshFileError(f"{path}: cannot be opened ({getattr(error, 'strerror', error)})") from None
+        reason = str(getattr(error, "strerror", None) or error).lower()
+        raise MeshFileError(f"{path}: {reason}; check the path") from None
 
 
 def _raw(path: str, data: bytes, suffix: str) -> RawMesh:

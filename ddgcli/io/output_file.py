@@ -76,8 +76,13 @@ def write_atomically(path: str, content: FileContent, *, staged: StagedOutputs |
             raise OutputError("-: standard output is closed; name a file")
         buffer = io.BytesIO()  # an archive is written with seeks, which a pipe does not support
         write_content(buffer, content)
-        sys.stdout.buffer.write(buffer.getbuffer())
-        sys.stdout.buffer.flush()
+        try:
+            sys.stdout.buffer.write(buffer.getbuffer())
+            sys.stdout.buffer.flush()
+        except BrokenPipeError:  # the reader has enough
+            raise
+        except OSError as error:
+            raise OutputError(f"-: cannot be written ({error.strerror}); the output is cut") from error
         return
     with atomic_output(path, staged) as temporary, open(temporary, "wb") as file:
         write_content(file, content)

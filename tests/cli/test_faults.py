@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from ddgcli.io import output_file
+from ddgcli.io import mesh_file, output_file
 from ddgcli.io.mesh_file import read_mesh, write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
@@ -63,23 +63,41 @@ def test_a_message_repeats_no_long_value(run, ball):
         assert len(result.stderr) < 400
 
 
-@needs_posix
-@pytest.mark.parametrize(
-    "words", [["info", "ball.ply"], ["shell-sim", "a.toml"], ["check", "a"], ["examples", "q"]]
-)
-def test_files_of_a_closed_folder_are_one_line(ball, tmp_path, words):
+def without_permissions(*words) -> subprocess.CompletedProcess:
+    """A run that may not open what its user may not open, also by root."""
     prefix = []
     if os.geteuid() == 0:  # which reads everything: give up that capability
         if shutil.which("setpriv") is None:
             pytest.skip("run by root, without setpriv")
         less = "-dac_override,-dac_read_search"
         prefix = ["setpriv", f"--bounding-set={less}", f"--inh-caps={less}"]
+    call = [*prefix, sys.executable, "-m", "ddgcli", *map(str, words)]
+    return subprocess.run(call, capture_output=True, text=True, env={**os.environ, "PYTHONPATH": str(ROOT)})
+
+
+@needs_posix
+@pytest.mark.parametrize(
+    ("command", "name"), [("info", "a.ply"), ("shell-sim", "a.toml"), ("view", "a.vtkhdf")]
+)
+def test_a_file_that_may_not_be_read_is_one_line(tmp_path, command, name):
+    """Once a line of click about 'MESH'."""
+    path, output = tmp_path / name, ["-o", tmp_path / "a.html"] if command == "view" else []
+    path.touch(mode=0)
+    result = without_permissions(command, path, *output)
+    assert result.returncode == 2
+    assert result.stderr == f"Error: {path}: permission denied; check the path\n"
+
+
+@needs_posix
+@pytest.mark.parametrize(
+    "words", [["info", "ball.ply"], ["shell-sim", "a.toml"], ["check", "a"], ["examples", "q"]]
+)
+def test_files_of_a_closed_folder_are_one_line(ball, tmp_path, words):
     closed = tmp_path / "closed"
     closed.mkdir()
     ball.rename(closed / ball.name)
     closed.chmod(0)
-    call = [*prefix, sys.executable, "-m", "ddgcli", words[0], str(closed / words[1])]
-    result = subprocess.run(call, capture_output=True, text=True, env={**os.environ, "PYTHONPATH": str(ROOT)})
+    result = without_permissions(words[0], closed / words[1])
     closed.chmod(0o700)
     assert result.returncode == 2 and result.stderr.count("\n") == 1
     assert result.stderr.endswith("permission denied; check the path\n")
@@ -141,6 +159,46 @@ def test_a_full_disk_leaves_nothing_but_one_line(ball, tmp_path, words):
     assert "cannot be written (File too large)" in errors and errors.count("Error") == 1
     assert (tmp_path / words[-1]).read_bytes() == b"old"
     assert {p.name for p in tmp_path.iterdir()} == {ball.name, words[-1]}
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
+@needs_posix
+def test_a_current_folder_that_was_deleted_is_one_line(run, ball, tmp_path, monkeypatch):
+    (tmp_path / "folder").mkdir()
+    monkeypatch.chdir(tmp_path / "folder")
+    (tmp_path / "folder").rmdir()
+    one_line(run("curvature", ball, "-o", "a.vtu"), "the current folder was deleted")
+
+
+@pytest.mark.parametrize(
+    ("error", "reason"),
+    [
+        (ImportError("x.so: failed to map segment from shared object"), " (a library does not fit)"),
+        (MemoryError(), ""),
+        (MemoryError("3 GiB"), " (3 GiB)"),
+    ],
+)
+def test_a_limit_of_memory_is_one_line_wherever_it_is_met(run, ball, monkeypatch, error, reason):
+    """`ulimit -v` of 160 MB: the system cannot load a library of scipy."""
+
+    def fail(*words, **options):
+        raise error
+
+    monkeypatch.setattr(mesh_file, "read_mesh", fail)
+    result = run("info", ball)
+    assert (result.exit_code, result.stderr) == (
+        1,
+        f"Error: out of memory{reason}; use a smaller mesh or fewer outputs\n",
+    )
+
+
+def test_a_file_on_a_full_standard_output_is_an_error_of_the_call(ball):
+    """Once exit 1, which means that the outputs are complete."""
+    with open("/dev/full", "w") as full:
+        call = [sys.executable, "-m", "ddgcli", "curvature", str(ball), "-o", "-", "--output-format", "ply"]
+        done = subprocess.run(call, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60)
+    assert done.returncode == 2
+    assert done.stderr == "Error: -: cannot be written (No space left on device); the output is cut\n"
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")

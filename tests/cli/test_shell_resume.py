@@ -64,6 +64,28 @@ def interrupted_after(monkeypatch, n_frames):
         yield
 
 
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [("SIGINT", "Interrupted: 1 whole frame; continue"), ("SIGTERM", "Ended by SIGTERM; continue")],
+)
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+def test_a_signal_names_the_file_to_continue_from(run, tmp_path, monkeypatch, name, text):
+    from ddgcli.io.trajectories import writer as trajectory_writer
+
+    append = trajectory_writer.TrajectoryWriter.append
+
+    def ended(self, trajectory_frame, *rest):
+        if self.n_frames == 1:
+            signal.raise_signal(getattr(signal, name))
+        append(self, trajectory_frame, *rest)
+
+    monkeypatch.setattr(trajectory_writer.TrajectoryWriter, "append", ended)
+    out = tmp_path / "r.vtkhdf"
+    result = run("shell-sim", scene(tmp_path, text=SHORT_SCENE), "-o", out)
+    assert result.exit_code == 128 + getattr(signal, name)
+    assert result.stderr == f"{text} with --resume {out}.part\n"
+
+
 def test_modes_about_an_equilibrium_are_computed_when_a_run_is_resumed(run, summary, tmp_path, monkeypatch):
     """Once the continuation was refused that the interrupted run had named."""
     mesh, out = tmp_path / "sheet.ply", tmp_path / "r.vtkhdf"

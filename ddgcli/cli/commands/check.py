@@ -42,7 +42,7 @@ class KeyTolerance(click.ParamType):
 
 
 @click.command("check", short_help="Compare a run's summary with a stored one (regression runs).")
-@click.argument("expected_path", metavar="[EXPECTED.json]", required=False, type=click.Path())
+@click.argument("expected_path", metavar="[EXPECTED.json]", required=False, type=click.Path(readable=False))
 @click.argument("words", metavar="-- COMMAND ...", nargs=-1, type=click.UNPROCESSED)
 @click.option(
     "--arrays",

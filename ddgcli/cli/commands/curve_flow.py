@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     epilog="Choosing a flow: curvature shortens curves until they vanish; area-preserving rounds closed "
     "plane curves; elastic straightens bends at constant length. See docs/curve-flow.md.",
 )
-@click.argument("mesh_path", metavar="CURVE", type=click.Path(), cls=FlowInput)
+@click.argument("mesh_path", metavar="CURVE", type=click.Path(readable=False), cls=FlowInput)
 @options.common
 @curve_time_options
 @click.option(

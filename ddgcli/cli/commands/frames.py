@@ -33,7 +33,7 @@ TIME_LABELS = {"time_name": "t", "time_unit": "s"}  # attributes of trajectories
 
 
 @click.command("frames")
-@click.argument("path", metavar="RUN.vtkhdf", type=click.Path())
+@click.argument("path", metavar="RUN.vtkhdf", type=click.Path(readable=False))
 @options.common
 @click.option(
     "--at", "time", type=options.REAL_NUMBER, help="Time of the frame to export [s]; the nearest is taken."

@@ -27,7 +27,7 @@ MAX_PAGE_MIB = 400  # a browser reads the page as one string
 
 
 @click.command("view", short_help="Write an HTML page: rotate the mesh, read values, play frames.")
-@click.argument("paths", metavar="RESULT...", nargs=-1, required=True, type=click.Path())
+@click.argument("paths", metavar="RESULT...", nargs=-1, required=True, type=click.Path(readable=False))
 @click.option(
     "--every",
     type=click.IntRange(min=1),

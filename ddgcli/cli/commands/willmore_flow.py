@@ -31,7 +31,7 @@ def _names(names: tuple[str, ...]) -> str:
     "cotan for open ones; the other energies are for comparison. See "
     "docs/willmore-flow.md and docs/accuracy/willmore-flow.md.",
 )
-@click.argument("mesh_path", metavar="MESH", type=click.Path(), cls=FlowInput)
+@click.argument("mesh_path", metavar="MESH", type=click.Path(readable=False), cls=FlowInput)
 @options.common
 @flow_time_options
 @options.subdivide

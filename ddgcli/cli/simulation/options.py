@@ -40,7 +40,7 @@ _TIME_NAMES = ("steps", "duration", "step", "frame_every", "tolerance", "integra
 _RESUME = click.option(
     "--resume",
     metavar="RUN.part",
-    type=click.Path(),
+    type=click.Path(readable=False),
     help="Continue an interrupted run from its last whole frame.",
 )
 _SCENE: tuple[Callable, ...] = (

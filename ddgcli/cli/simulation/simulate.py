@@ -11,8 +11,9 @@ import click
 from numpy.typing import NDArray
 
 from ddgcli import __version__
+from ddgcli.cli.interrupts import PARTIAL_RUN
 from ddgcli.cli.run import Run
-from ddgcli.errors import ParameterError, named_array
+from ddgcli.errors import ParameterError, counted, named_array
 from ddgcli.mesh.fields import AnnotatedMesh, TrajectoryFrame
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import moved_rigidly
@@ -125,9 +126,13 @@ def simulate(run: Run, job: Job) -> Outcome:
                 partial_file = writer.close(outcome.status, _rows(outcome.last_events), run.staged)
             if partial_file is not None:
                 run.outputs.append(partial_file)
+                if outcome.status != "complete":
+                    click.get_current_context().meta[PARTIAL_RUN] = partial_file
     if outcome.status == "interrupted":
         where = f"; continue with --resume {run.outputs[-1]}" if writer is not None and run.outputs else ""
-        click.echo(f"Interrupted: {outcome.n_frames} whole frames{where}", err=True)
+        n_frames = outcome.n_frames if writer is None else writer.n_frames  # the last one may not be written
+        count = counted(n_frames, "whole frame", "whole frames")
+        click.echo(f"Interrupted: {count}{where}", err=True)
         click.get_current_context().exit(130)
     outcome.failure_reason = job.failure_reason(outcome)
     outcome.final_vertex, face = job.final(outcome)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, NoReturn
 from xml.sax.saxutils import escape
 
 import h5py
@@ -47,6 +48,8 @@ class Trajectory:
             is_complete = complete != path and Path(complete).is_file()
             advice = f"the run is complete: {complete}" if is_complete else "check the path"
             raise MeshFileError(f"{path}: no such file; {advice}")
+        if not os.access(path, os.R_OK):
+            raise MeshFileError(f"{path}: permission denied; check the path")
         check_trajectory(path)
         try:
             self._file = h5py.File(path, "r")
@@ -74,6 +77,9 @@ class Trajectory:
 
     def __repr__(self) -> str:
         return f"Trajectory({self.path!r}, {self.n_frames} frames)"
+
+    def __reduce__(self) -> NoReturn:
+        raise TypeError("a Trajectory is an open file and is not pickled; open its path")
 
     def __enter__(self) -> Trajectory:
         return self
