@@ -27,11 +27,15 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 QUOTED_SUBDIVISION = re.compile(r"`subdivide(=1)?`")
+QUOTED_CHOICE = re.compile(r"`([a-z_]+)=([a-z][a-z-]*)`")  # a parameter and the name that is its value
 MAX_INTEGER = 2**63 - 1  # largest int64
 
 
 def with_repair_call(message: str) -> str:
-    """Replace each repair that a message advises, such as `` `repair=orient fill_holes=9` ``, by a call."""
+    """Write what a message advises in Python: `` `repair=orient fill_holes=9` `` becomes a call.
+
+    Names are quoted: `` `radius=auto` `` becomes `` `radius='auto'` ``.
+    """
 
     def call(match: re.Match[str]) -> str:
         steps = (step.partition("=") for step in match.group(2).split())
@@ -44,7 +48,8 @@ def with_repair_call(message: str) -> str:
         return f"`ddg.delaunay_refinement(mesh, {match.group(2)}).mesh`, its `points` and `faces`"
 
     message = QUOTED_MESH.sub(other_mesh, QUOTED_REPAIR.sub(call, message))
-    return QUOTED_SUBDIVISION.sub("`ddg.subdivide(mesh)`", message)
+    message = QUOTED_SUBDIVISION.sub("`ddg.subdivide(mesh)`", message)
+    return QUOTED_CHOICE.sub(r"`\1='\2'`", message)
 
 
 class _RepairCalls(logging.Filter):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -82,6 +82,9 @@ class DistanceSolver:
 
     def __repr__(self) -> str:
         return f"DistanceSolver({self.mesh}, {self.method!r})"
+
+    def __reduce__(self) -> NoReturn:
+        raise TypeError("a DistanceSolver holds functions and is not pickled; make one from its mesh")
 
     @checked_arguments
     def distance(

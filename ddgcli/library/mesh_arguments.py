@@ -53,7 +53,7 @@ def as_mesh(mesh: MeshLike) -> AnyMesh:
 
     Parameters
     ----------
-    mesh : mesh, (points, cells) pair, or object with `mesh`, or with `vertices` and `faces`
+    mesh : mesh, (points, cells) pair, or object with `mesh`, with `vertices` and `faces`, or of meshio
         A pair holds points (n, 2) or (n, 3) and cells (m, 3), (m, 4) or (m, 2): triangles, tetrahedra or
         segments; quadrilaterals are refused. A mesh that is used several times is better converted once,
         since it keeps its topology.
@@ -87,6 +87,9 @@ def as_mesh(mesh: MeshLike) -> AnyMesh:
     own_mesh = getattr(mesh, "mesh", None)
     if isinstance(own_mesh, AnyMesh):
         return own_mesh
+    cells_dict = getattr(mesh, "cells_dict", None)
+    if hasattr(mesh, "points") and isinstance(cells_dict, dict):  # of meshio
+        return as_mesh((mesh.points, _cells_of_meshio(cells_dict)))
     if hasattr(mesh, "vertices") and hasattr(mesh, "faces"):  # such as trimesh.Trimesh
         return as_mesh((mesh.vertices, mesh.faces))
     raise MeshError(
@@ -114,12 +117,33 @@ def _mesh_of_pair(points: ArrayLike, cells: ArrayLike) -> AnyMesh:
     """Mesh of the kind that follows from the number of corners of a cell."""
     corners = np.shape(cells)[1] if np.ndim(cells) == 2 else 0
     if corners == 4:
+        _refuse_vtk_faces(np.asarray(cells))
         mesh = TetMesh.from_arrays(points, cells)
         _refuse_quadrilaterals(mesh.tetrahedra)
         return mesh
     if corners == 2:
         return CurveSet.from_arrays(points, cells)
     return TriangleMesh.from_arrays(points, cells)
+
+
+def _cells_of_meshio(cells: dict[str, NDArray]) -> NDArray:
+    """Cells of the one kind that a mesh of meshio has, apart from lines and points of a surface or solid."""
+    kinds = [kind for kind, of_kind in cells.items() if len(of_kind) and kind not in ("vertex", "line")]
+    if len(kinds) == 1 and kinds[0] in ("triangle", "tetra"):
+        return cells[kinds[0]]
+    raise MeshError(
+        f"this mesh of meshio holds cells of the kinds {', '.join(cells) or 'none'}; pass those of one kind, "
+        'such as `(mesh.points, mesh.cells_dict["triangle"])`'
+    )
+
+
+def _refuse_vtk_faces(cells: NDArray) -> None:
+    """Raise an error for triangles as VTK writes them: each with its number of corners, 3, before it."""
+    if len(cells) and np.all(cells[:, 0] == 3) and np.any(cells[:, 1:] == 3):
+        raise MeshError(
+            "every cell begins with 3, as the faces of VTK begin with their number of corners; pass the "
+            "corners alone, cells[:, 1:]"
+        )
 
 
 def _refuse_quadrilaterals(cells: NDArray) -> None:

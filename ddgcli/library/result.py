@@ -8,8 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.library.mesh_arguments import mesh_of_kind
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.fields import AnyMesh
+from ddgcli.mesh.tet_mesh import TetMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.representation import short_repr
 
 
@@ -48,6 +51,12 @@ class Measurement:
     converged: bool = True
 
     __repr__ = short_repr
+
+    @property
+    def surface(self) -> TriangleMesh:
+        """The mesh of a surface, or the boundary of tetrahedra; MeshError for other meshes."""
+        mesh = self.mesh.boundary if isinstance(self.mesh, TetMesh) else self.mesh
+        return mesh_of_kind(mesh, ("surface",), "surface")
 
     @property
     def polylines(self) -> list[NDArray[np.float64]]:

@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from numpy.typing import NDArray
 
@@ -99,6 +99,9 @@ class Simulation:
 
     def __post_init__(self) -> None:
         self._recorder = Recorder(Outcome(mesh=self.mesh), picture=False)
+
+    def __reduce__(self) -> NoReturn:
+        raise TypeError("a Simulation holds functions and is not pickled; pass its scene or its end")
 
     def __iter__(self) -> Iterator[TrajectoryFrame]:
         return self

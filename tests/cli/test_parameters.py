@@ -65,6 +65,14 @@ def test_quoted_meshes_become_the_commands_that_write_them_and_calls_in_the_libr
     assert with_repair_call("begin with `subdivide=1`") == "begin with `ddg.subdivide(mesh)`"
 
 
+def test_names_that_a_message_advises_are_quoted_in_the_library():
+    text = "use `scheme=normal-voting` with `radius=0.5` or `radius=auto`; `repair=orient`, `steps`"
+    assert with_repair_call(text) == (
+        "use `scheme='normal-voting'` with `radius=0.5` or `radius='auto'`; "
+        "`ddg.repair_mesh(mesh, orient=True)`, `steps`"
+    )
+
+
 def test_the_core_holds_no_command_line():
     """Text of messages; command lines in docstrings are documentation."""
     call = re.compile(rf"\bddgcli (?:{'|'.join(COMMANDS)})\b|(?<!pip install )(?<!\S)--[a-z]")

@@ -330,7 +330,7 @@ def test_the_radius_of_the_warning_of_noise_is_one_of_the_library(caplog):
     noise = np.random.default_rng(0).standard_normal((sphere.n_vertices, 1))
     noisy = ddg.as_mesh((sphere.points * (1 + 0.01 * noise), sphere.faces))
     star = ddg.curvature(noisy)
-    assert "radius=auto" in caplog.text
+    assert "radius='auto'" in caplog.text
     ball = ddg.curvature(noisy, radius="auto")
     error = [np.std(k.vertex["mean_curvature"] - 1.0) for k in (star, ball)]  # of the unit sphere
     assert error[1] < 0.5 * error[0]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import os
 import re
 import shutil
 from pathlib import Path
@@ -33,6 +34,18 @@ def folder_with_samples(tmp_path, monkeypatch):
     for name in ("sample_meshes", "sample_scenes"):
         shutil.copytree(ROOT / name, tmp_path / name)
     monkeypatch.chdir(tmp_path)
+
+
+@pytest.mark.slow
+def test_type_checkers_accept_the_recipes(tmp_path, monkeypatch):
+    api = pytest.importorskip("mypy.api")
+    monkeypatch.setenv("MYPYPATH", str(ROOT))
+    files = [tmp_path / f"recipe_{number}.py" for number in range(len(RECIPES))]
+    for file, code in zip(files, RECIPES.values(), strict=True):
+        file.write_text(code)
+    words = ["--ignore-missing-imports", "--cache-dir", str(tmp_path), "--config-file", os.devnull]
+    report = api.run([*words, *map(str, files)])[0]
+    assert [line for line in report.splitlines() if "recipe_" in line] == []
 
 
 @pytest.mark.parametrize("title", RECIPES)

@@ -2,7 +2,9 @@
 
 import copy
 import pickle
+import re
 from fractions import Fraction
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -113,6 +115,56 @@ def test_numbers_of_vertices_may_be_whole_floats_or_objects(kind):
     for wrong in (corners + 0.5, np.where(corners == 0, np.nan, corners), np.where(corners == 0, 1e300, 0.0)):
         with pytest.raises(ddg.errors.MeshError, match="whole numbers"):
             ddg.as_mesh((mesh.points, wrong))
+
+
+def test_meshes_of_meshio_are_accepted_where_they_have_cells_of_one_kind():
+    def of_meshio(points, **cells):  # the attributes that are used
+        return SimpleNamespace(points=points, cells_dict=cells)
+
+    ball = ddg.as_mesh(of_meshio(BALL.points, triangle=BALL.faces, line=BALL.faces[:1, :2]))
+    assert np.array_equal(ball.faces, BALL.faces)
+    solid = box_tetrahedra(1, 1, 1)
+    tetra = ddg.as_mesh(of_meshio(solid.points, tetra=solid.tetrahedra, vertex=np.zeros((1, 1), int)))
+    assert np.array_equal(tetra.tetrahedra, solid.tetrahedra)
+    for cells in ({"tetra": solid.tetrahedra, "triangle": [[0, 1, 2]]}, {"quad": [[0, 1, 2, 3]]}, {}):
+        with pytest.raises(MeshError, match=re.escape('(mesh.points, mesh.cells_dict["triangle"])')):
+            ddg.as_mesh(of_meshio(solid.points, **cells))
+
+
+def test_the_surface_of_a_measurement():
+    assert ddg.curvature(BALL).surface is BALL
+    solid = box_tetrahedra(1, 1, 1)
+    assert ddg.Measurement(solid).surface is solid.boundary
+    with pytest.raises(MeshError, match="surface in space, not curves"):
+        ddg.Measurement(MESHES["curves"]).surface  # noqa: B018
+
+
+def test_faces_of_vtk_are_no_tetrahedra():
+    """The remedy was one for tetrahedra with a repeated vertex."""
+    faces = np.column_stack([np.full(BALL.n_faces, 3), BALL.faces])
+    with pytest.raises(MeshError, match=re.escape("pass the corners alone, cells[:, 1:]")):
+        ddg.as_mesh((BALL.points, faces))
+    fan = [[3, 0, 1, 2], [3, 0, 2, 4]]  # tetrahedra about vertex 3
+    points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, -1], [-1, 0, 0]]
+    assert len(ddg.as_mesh((points, fan)).tetrahedra) == 2
+
+
+@pytest.mark.parametrize(
+    ("thing", "remedy"),
+    [
+        (lambda path: ddg.DistanceSolver(BALL), "make one from its mesh"),
+        (lambda path: ddg.HeatSolver(BALL), "make one from its mesh"),
+        (lambda path: ddg.willmore_flow(BALL), "pass its scene or its end"),
+        (ddg.read_trajectory, "open its path"),
+    ],
+)
+def test_what_holds_functions_or_files_is_not_pickled_and_the_message_says_what_to_pass(
+    thing, remedy, tmp_path
+):
+    path = str(tmp_path / "run.vtkhdf")
+    ddg.write_trajectory(path, ddg.willmore_flow(BALL, steps=1))
+    with pytest.raises(TypeError, match=remedy):
+        pickle.dumps(thing(path))
 
 
 def test_quadrilaterals_are_no_tetrahedra():
