@@ -232,6 +232,10 @@ class OutputError(InputError):
     """An output that cannot be written: folder missing, format unknown, the input itself."""
 
 
+class StandardOutputError(OutputError):
+    """Standard output that does not take all of a file; what it took is cut."""
+
+
 class MissingExtraError(InputError):
     """A feature whose optional dependency is not installed; the message names the extra."""
 

@@ -22,7 +22,7 @@ from ddgcli.cli.multi_value import repeat_options
 from ddgcli.cli.parameters import option_names
 from ddgcli.cli.streams import open_standard_streams
 from ddgcli.cli.threads import set_thread_variables
-from ddgcli.errors import DdgError, excerpt, with_short_words
+from ddgcli.errors import DdgError, StandardOutputError, excerpt, with_short_words
 
 # name -> (module of ddgcli.cli.commands, help line); a module is imported only when its command runs
 COMMANDS = {
@@ -125,7 +125,7 @@ class CommandGroup(click.Group):
         except DdgError as error:
             if error.exit_code != 2:
                 _commit_outputs(ctx)
-            if isinstance(error.__cause__, OSError) and error.__cause__.errno in OUTPUT_ERRNOS:
+            if isinstance(error, StandardOutputError):
                 _discard_output()
             raise CommandError(_error_line(error, ctx), error.exit_code) from error
         except click.UsageError as error:

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import IO, Any
 
-from ddgcli.errors import OutputError
+from ddgcli.errors import OutputError, StandardOutputError
 from ddgcli.io.temporary import StagedOutputs, create_new, temporary_name
 
 FileContent = bytes | memoryview | Callable[[IO[bytes]], Any]
@@ -82,7 +82,9 @@ def write_atomically(path: str, content: FileContent, *, staged: StagedOutputs |
         except BrokenPipeError:  # the reader has enough
             raise
         except OSError as error:
-            raise OutputError(f"-: cannot be written ({error.strerror}); the output is cut") from error
+            raise StandardOutputError(
+                f"-: cannot be written ({error.strerror}); the output is cut"
+            ) from error
         return
     with atomic_output(path, staged) as temporary, open(temporary, "wb") as file:
         write_content(file, content)
