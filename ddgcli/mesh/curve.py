@@ -14,10 +14,10 @@ from ddgcli.errors import MeshError
 from ddgcli.mesh.components import connected_labels
 from ddgcli.mesh.frozen import frozen
 from ddgcli.mesh.masked import indices
+from ddgcli.mesh.plane import plane_normal
 from ddgcli.mesh.ragged import list_starts, ranges
 from ddgcli.mesh.triangle_mesh import PointMesh, own_points
 
-PLANARITY_TOLERANCE = 1e-6  # of the curve's size: coordinates in text files have six digits
 # tolerance for normals of parallel planes: those of thin curves have errors of about 1e-3
 PARALLEL_COSINE = 1.0 - 5e-7
 
@@ -182,37 +182,6 @@ def _chains(tail: NDArray, head: NDArray, n: int) -> tuple[NDArray, NDArray, NDA
     return member, np.append(start[begins_curve], len(member)), closed[curve[by_curve[begins_curve]]]
 
 
-def plane_normal(points: NDArray) -> NDArray[np.float64] | None:
-    """Unit normal of the plane in which a curve lies.
-
-    The plane is viewed from the positive side of the axis nearest to the normal (of equally near ones z, else
-    y): for horizontal planes from above. The plane of a straight line is the one nearest to the horizontal.
-
-    Parameters
-    ----------
-    points : (n, 3) ndarray of float64
-
-    Returns
-    -------
-    (3,) ndarray of float64 or None
-        None for a space curve: a point leaves the plane by more than `PLANARITY_TOLERANCE` of the size.
-    """
-    size = float(np.abs(points - points[0]).max())
-    if size == 0 or (points[:, 2] == points[0, 2]).all():
-        return np.array([0.0, 0.0, 1.0])
-    centred = (points - points[0]) / size
-    centred = centred - centred.mean(axis=0)
-    _, axes = np.linalg.eigh(centred.T @ centred)
-    normal, along = axes[:, 0], axes[:, 2]
-    if np.abs(centred - np.outer(centred @ along, along)).max() <= PLANARITY_TOLERANCE:
-        start = np.array([0.0, 0.0, 1.0]) if abs(along[2]) < 0.9 else np.array([1.0, 0.0, 0.0])
-        normal = start - (start @ along) * along
-        normal = normal / np.linalg.norm(normal)
-    if np.abs(centred @ normal).max() > PLANARITY_TOLERANCE:
-        return None
-    return normal * np.sign(normal[nearest_axis(normal)])
-
-
 def plane_normals(curves: CurveSet) -> list[NDArray[np.float64] | None]:
     """Unit normal of the plane of each curve, None in space; parallel planes have the same one.
 
@@ -247,19 +216,3 @@ def are_parallel(normals: Sequence[NDArray | None]) -> bool:
     """
     planes = [normal for normal in normals if normal is not None]
     return len(planes) == len(normals) and all(normal @ planes[0] > PARALLEL_COSINE for normal in planes)
-
-
-def nearest_axis(normal: NDArray) -> int:
-    """Index of the axis nearest to a direction.
-
-    Parameters
-    ----------
-    normal : (3,) ndarray of float64
-
-    Returns
-    -------
-    int
-        Of components that are equal up to rounding, the last.
-    """
-    size = np.abs(normal)
-    return int(np.flatnonzero(size >= (1 - PLANARITY_TOLERANCE) * size.max())[-1])

@@ -231,6 +231,8 @@ def place(section: SurfaceObject, read: Callable[[str], Any], volumes: bool = Fa
         inside = np.asarray(solid.points) + np.array(section.box.corner)
         return PlacedMesh(solid.moved_unchecked(_moved(section, inside)), {})
     if section.grid is not None and section.grid.periodic:
+        if section.rotation is not None:
+            raise ValueError("a periodic grid repeats along x and y; take its rotation out")
         flat = periodic_grid(section.grid)
         points = _moved(section, np.asarray(flat.points))
         lengths = np.asarray(flat.side_length) * section.scale

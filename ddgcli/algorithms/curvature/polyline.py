@@ -17,7 +17,8 @@ from ddgcli.algorithms.curvature.curve_frames import (
     resampled,
 )
 from ddgcli.errors import MeshError, renamed_parameters
-from ddgcli.mesh.curve import CurveSet, are_parallel, nearest_axis, plane_normals
+from ddgcli.mesh.curve import CurveSet, are_parallel, plane_normals
+from ddgcli.mesh.plane import nearest_axis
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.vectors import ratio, row_cross, row_dot, vector_length
 

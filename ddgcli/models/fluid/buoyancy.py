@@ -55,7 +55,7 @@ class TemperaturePhase(TracerPhase):
     """
 
     def __init__(self, setting: FluidSetting, parameters: BuoyancySection, tracer: Any) -> None:
-        source = None if parameters.source is None else Source(setting.context.points, parameters.source)
+        source = None if parameters.source is None else Source(setting.context, parameters.source)
         super().__init__("buoyancy", setting.context.scalar(parameters.temperature, ARRAY), tracer, source)
         self.mass = setting.space.mass
         if len(tracer.turning):
@@ -142,7 +142,7 @@ class BuoyancyPhase(FlowPhase):
 
 def _fixed_vertices(context: FluidContext, expression: str) -> NDArray[np.bool_]:
     """(n,) vertices at which an expression is not 0."""
-    fixed = evaluate(expression, dict(zip("xyz", context.points.T))) != 0
+    fixed = context.used & (evaluate(expression, dict(zip("xyz", context.points.T))) != 0)
     if not fixed.any():
         raise ValueError(f"no vertex lies where {expression!r} holds; check `fixed`")
     return fixed

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -58,9 +59,21 @@ class FluidContext:
         """(m, 3 or 4) corners of the faces of a surface, of the tetrahedra of a volume."""
         return self.mesh.tetrahedra if isinstance(self.mesh, TetMesh) else self.mesh.faces
 
-    @property
+    @cached_property
+    def used(self) -> NDArray[np.bool_]:
+        """(n,) vertices of cells; the others have no part in the flow."""
+        marked = np.zeros(self.mesh.n_vertices, dtype=bool)
+        marked[self.cells] = True
+        return marked
+
+    @cached_property
     def points(self) -> NDArray[np.float64]:
-        return np.asarray(self.mesh.points)
+        """(n, 3) positions; those without cells are put at a vertex that has one.
+
+        So no extent contains them, and no expression is evaluated at them.
+        """
+        points = np.asarray(self.mesh.points)
+        return points if self.used.all() else np.where(self.used[:, None], points, points[self.cells[0, 0]])
 
     def scalar(self, source: str, what: str) -> NDArray[np.float64]:
         """(n,) values of an array of the mesh, a `.npy` file or an expression in x, y, z.
@@ -90,7 +103,7 @@ class FluidContext:
             raise ValueError(
                 f"{what} '{excerpt(source)}' has shape {values.shape}; one number per vertex is ({n},)"
             )
-        return _finite(values, what, source)
+        return _finite(np.where(self.used, values, 0.0), what, source)
 
     def face_vectors(self, source: str | list[Any]) -> NDArray[np.float64]:
         """(m, 3) velocities of an array (on faces or vertices), a `.npy` or three expressions."""
@@ -143,6 +156,8 @@ class FluidContext:
                 f"velocity '{excerpt(source)}' has shape {values.shape}; give three numbers per cell "
                 f"({len(cells)}) or a vertex ({n})"
             )
+        if len(values) == n:
+            values = np.where(self.used[:, None], values, 0.0)
         return _finite(values, "velocity", source)
 
     def face_points(self) -> NDArray[np.float64]:

@@ -37,7 +37,7 @@ def build(parameters: DyeSection, context: FluidContext) -> list[PhaseRequest]:
     def make(setting: FluidSetting) -> Phase:
         from ddgcli.models.fluid.tracer import Source, SurfaceTracer, TracerPhase
 
-        source = None if parameters.source is None else Source(context.points, parameters.source)
+        source = None if parameters.source is None else Source(context, parameters.source)
         if context.is_volume:
             from ddgcli.models.fluid.volume_effects import VolumeTracer
 

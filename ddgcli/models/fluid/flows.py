@@ -9,27 +9,31 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.mesh.vectors import row_cross, row_dot, tangents
+from ddgcli.mesh.plane import PLANARITY_TOLERANCE
+from ddgcli.mesh.vectors import row_cross, row_dot, tangential, tangents, vector_length
 from ddgcli.models.fluid.context import FluidContext
-
-
-def _middle(context: FluidContext) -> NDArray[np.float64]:
-    points = context.points[context.mesh.topology.referenced_vertex]
-    return 0.5 * (points.min(axis=0) + points.max(axis=0))
-
-
-def _extent(context: FluidContext) -> float:
-    points = context.points[context.mesh.topology.referenced_vertex]
-    return float(np.ptp(points, axis=0).max())
+from ddgcli.models.fluid.extent import bounding_box, middle, plane_axes
 
 
 def _pair(context: FluidContext, parameters: Any, apart: float) -> tuple[NDArray, NDArray]:
-    """(n,) distances from two centres, `apart` of the surface's extent from each other by default."""
+    """(n,) distances from two centres, `apart` of the surface's extent from each other by default.
+
+    On a plane the centres and their direction are projected to it.
+    """
+    axes, centre = plane_axes(context), middle(context)
     separation = parameters.separation or apart * _extent(context)
-    centre = _middle(context) if parameters.center is None else np.array(parameters.center)
-    direction = np.array(parameters.direction or (1.0, 0.0, 0.0), dtype=np.float64)
+    direction = np.array(parameters.direction or np.eye(3)[0], dtype=np.float64)
+    shift = np.zeros(3) if parameters.center is None else np.array(parameters.center) - centre
+    if axes is not None:
+        if parameters.direction is None:
+            direction = axes[0]
+        along = tangential(direction, axes[2])
+        if vector_length(along) <= PLANARITY_TOLERANCE * vector_length(direction):
+            raise ValueError("the direction is across the plane of the surface; give one along it")
+        direction, shift = along, tangential(shift, axes[2])
+    centre = centre + shift
     half = 0.5 * separation * direction / np.linalg.norm(direction)
-    if np.any(context.period > 0) or np.ptp(context.points[:, 2]) == 0:
+    if axes is not None:
         return context.distance(centre - half), context.distance(centre + half)
     first, second = (context.nearest_vertex(centre + s * half) for s in (-1, 1))
     if np.array_equal(first, second):
@@ -37,6 +41,10 @@ def _pair(context: FluidContext, parameters: Any, apart: float) -> tuple[NDArray
             f"both vortices fall on the vertex at {first.tolist()}; move center, direction or separation"
         )
     return context.distance(first), context.distance(second)
+
+
+def _extent(context: FluidContext) -> float:
+    return float(bounding_box(context)[1].max())
 
 
 def taylor_vortices(context: FluidContext, parameters: Any) -> NDArray[np.float64]:
@@ -58,29 +66,33 @@ def vortex_pair(context: FluidContext, parameters: Any) -> NDArray[np.float64]:
 
 
 def rotation(context: FluidContext, parameters: Any) -> NDArray[np.float64]:
-    """A turn about the z axis through the middle, `strength` the speed at the widest place."""
-    x = context.points - _middle(context)
+    """A turn about the z axis through the middle, in a plane about its normal.
+
+    `strength` is the speed at the distance of the vertex that is the farthest from the middle.
+    """
+    x = context.points - middle(context)
     radius = float(np.linalg.norm(x, axis=1).max())
-    if np.ptp(context.points[:, 2]) == 0:
+    if plane_axes(context) is not None:
         return np.full(len(x), 2.0 * parameters.strength / radius)
     return 2.0 * parameters.strength / radius * x[:, 2] / radius
 
 
 def taylor_green(context: FluidContext, parameters: Any) -> NDArray[np.float64]:
     """Cells of alternating turn over one period of a rectangle: decays at its exact rate."""
-    low = context.points.min(axis=0)
-    size = np.where(context.period > 0, context.period, np.ptp(context.points, axis=0))
+    place, size = bounding_box(context)
     kx, ky = 2.0 * np.pi / size[:2]
-    x, y = (context.points - low)[:, :2].T
+    x, y = place[:, :2].T
     return parameters.strength * (kx**2 + ky**2) / ky * np.sin(kx * x) * np.sin(ky * y)
 
 
 def jet(context: FluidContext, parameters: Any) -> NDArray[np.float64]:
     """A zonal jet along the latitude of `center` round the z axis, with a ripple that makes it unstable.
 
-    The speed is strength * exp(-(s/core)^2), s the arc from the jet on the unit sphere.
+    The speed is strength * exp(-(s/core)^2), s the arc from the jet on the unit sphere. None on planes.
     """
-    x = context.points - _middle(context)
+    if plane_axes(context) is not None:
+        return np.zeros(context.mesh.n_vertices)
+    x = context.points - middle(context)
     radius = np.linalg.norm(x, axis=1)
     size = float(radius.max())
     latitude = np.arcsin(np.clip(x[:, 2] / np.where(radius > 0, radius, 1.0), -1.0, 1.0))
@@ -98,8 +110,13 @@ def _latitude(centre: Any) -> float:
 
 
 def rossby_haurwitz(context: FluidContext, parameters: Any) -> NDArray[np.float64]:
-    """The spherical harmonic of degree 4 with three waves round the z axis; `strength` its largest speed."""
-    x = context.points - _middle(context)
+    """The spherical harmonic of degree 4 with three waves round the z axis; `strength` its largest speed.
+
+    None on planes.
+    """
+    if plane_axes(context) is not None:
+        return np.zeros(context.mesh.n_vertices)
+    x = context.points - middle(context)
     size = float(np.linalg.norm(x, axis=1).max())
     a, b, c = (x / size).T
     return 20.0 / HAURWITZ_SPEED * parameters.strength / size * (a**3 - 3.0 * a * b**2) * c
@@ -107,9 +124,8 @@ def rossby_haurwitz(context: FluidContext, parameters: Any) -> NDArray[np.float6
 
 def shear_layer(context: FluidContext, parameters: Any) -> NDArray[np.float64]:
     """Two opposite shear layers in a rectangle with a ripple: they roll up (Bell, Colella and Glaz 1989)."""
-    low = context.points.min(axis=0)
-    size = np.where(context.period > 0, context.period, np.ptp(context.points, axis=0))
-    x, y = ((context.points - low) / np.where(size > 0, size, 1.0))[:, :2].T
+    place, size = bounding_box(context)
+    x, y = (place / np.where(size > 0, size, 1.0))[:, :2].T
     width = parameters.core / size[1] if parameters.core else 1.0 / 30.0
     lower, upper = (y - 0.25) / width, (0.75 - y) / width
     layers = (1.0 / np.cosh(upper) ** 2 - 1.0 / np.cosh(lower) ** 2) / (width * size[1])
@@ -133,11 +149,11 @@ class NamedFlow:
 
 def vortex_ring(context: FluidContext, parameters: Any) -> NDArray[np.float64]:
     """(m, 3) velocity of a ring of circulation `strength` times its radius, by the law of Biot and Savart."""
-    low, high = context.points.min(axis=0), context.points.max(axis=0)
-    centre = 0.5 * (low + high) if parameters.center is None else np.array(parameters.center)
+    centre = middle(context) if parameters.center is None else np.array(parameters.center)
     axis = np.array(parameters.direction or (0.0, 0.0, 1.0))
     axis = axis / np.linalg.norm(axis)
-    radius = 0.5 * parameters.separation if parameters.separation else 0.2 * float((high - low).min())
+    separation = parameters.separation or 0.4 * float(bounding_box(context)[1].min())
+    radius = 0.5 * separation
     core = parameters.core or 0.3 * radius
     first, second = tangents(axis)
     angle = 2.0 * np.pi * (np.arange(RING_SEGMENTS) + 0.5) / RING_SEGMENTS

@@ -20,6 +20,7 @@ from ddgcli.mesh.topology import NEXT
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.fluid.conservative import rate
 from ddgcli.models.fluid.diffusion import VelocityDiffusion
+from ddgcli.models.fluid.extent import is_horizontal
 from ddgcli.models.fluid.phases import FluidSetting
 from ddgcli.models.fluid.state import FluidState
 
@@ -93,4 +94,4 @@ def obstacle_forces(setting: FluidSetting, scheme: VelocityDiffusion) -> Obstacl
     context = setting.context
     if not context.obstacles or not isinstance(context.mesh, TriangleMesh):
         return None
-    return ObstacleForces(setting, scheme) if np.ptp(context.points[:, 2]) == 0 else None
+    return ObstacleForces(setting, scheme) if is_horizontal(context) else None

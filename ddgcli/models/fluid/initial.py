@@ -49,7 +49,7 @@ class InitialSection(Section):
     strength: quantity("m/s", "speed of a named flow; negative reverses it") = 1.0
     core: quantity("m", "radius of its vortices", gt=0) | None = None
     separation: quantity("m", "distance of their centres", gt=0) | None = None
-    center: vector("m", "between them; default the middle of the surface") | None = None
+    center: vector("m", "between them; default the centroid of the surface") | None = None
     direction: vector("", "from one to the other") | None = None
     object: str | None = Field(None, description="fluid; by default all")
 

@@ -23,6 +23,7 @@ from ddgcli.mesh.topology import NEXT, Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import row_dot
 from ddgcli.models.fluid.context import FluidContext
+from ddgcli.models.fluid.extent import is_horizontal
 
 SMOOTHING_PASSES = 12
 PROJECTION_STEPS = 4
@@ -95,7 +96,7 @@ def without_obstacles(
     sides = np.zeros((len(obstacles), len(points)))
     for k, (name, distance, smooth) in enumerate(obstacles):
         at = distance(points)
-        if smooth and not context.is_volume and np.ptp(points[:, 2]) == 0:
+        if smooth and is_horizontal(context):
             points, at = _fitted(context, points, at, distance)
         sides[k] = at
         if not _inside(context, points, faces, at, distance).any():

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from ddgcli.models.fluid.context import FluidContext
+from ddgcli.models.fluid.extent import plane_axes
 from ddgcli.models.fluid.phases import FluidSetting, Phase, PhaseRequest, Step
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.scenes.sections import Section
@@ -88,7 +89,7 @@ def placed_seeds(context: FluidContext, points: NDArray) -> tuple[NDArray[np.int
     """Cells and weights of points in a volume, or of the nearest points of a surface."""
     cells = context.points[context.cells]
     reach = POINT_TOLERANCE * float(np.ptp(context.points, axis=0).max())
-    cell_of_point, weights = [], []
+    in_plane, cell_of_point, weights = plane_axes(context) is not None, [], []
     for number, point in enumerate(points):
         if context.is_volume:
             edge = cells[:, 1:] - cells[:, :1]
@@ -102,7 +103,7 @@ def placed_seeds(context: FluidContext, points: NDArray) -> tuple[NDArray[np.int
             flat = cells[:, :1] + context.unwrapped(cells - cells[:, :1])
             weight, distance = nearest_on_triangle(point, flat)
             best = int(np.argmin(distance))
-            outside = bool(np.ptp(context.points[:, 2]) == 0 and distance[best] > reach)
+            outside = in_plane and bool(distance[best] > reach)
         if outside:
             raise ValueError(f"point {number} at {point.tolist()} lies outside of {context.name!r}; move it")
         cell_of_point.append(best)

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT
 from ddgcli.mesh.vectors import row_dot
+from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.crossings import entering_vertices, turning_vertices
 from ddgcli.models.fluid.phases import Step
 from ddgcli.models.fluid.state import FluidState
@@ -156,13 +157,13 @@ def conserved(
 class Source:
     """What is added to a scalar at the vertices a second, by an expression in x, y, z and t."""
 
-    def __init__(self, points: NDArray, expression: str) -> None:
-        self.points, self.expression = points, expression
+    def __init__(self, context: FluidContext, expression: str) -> None:
+        self.points, self.used, self.expression = context.points, context.used, expression
         self.rate(0.0)  # refuses what cannot be evaluated
 
     def rate(self, time: float) -> NDArray[np.float64]:
         variables = {**dict(zip("xyz", self.points.T)), "t": np.full(len(self.points), time)}
-        return evaluate(self.expression, variables)
+        return np.where(self.used, evaluate(self.expression, variables), 0.0)
 
 
 class TracerPhase:

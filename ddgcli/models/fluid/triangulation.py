@@ -19,12 +19,12 @@ from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.fluid.context import FluidContext
+from ddgcli.models.fluid.extent import plane_axes
 
 log = logging.getLogger("ddgcli")
 
 BAD_ANGLES = np.pi + 0.2  # sum of the angles opposite an edge, above which it counts as bad
 MAX_BAD_SHARE = 0.02  # of the inner edges
-FLATNESS = 1e-9  # of the vertices about a plane, relative to the size of the mesh
 
 
 def with_triangulation(context: FluidContext, choice: str) -> FluidContext:
@@ -72,7 +72,7 @@ def with_triangulation(context: FluidContext, choice: str) -> FluidContext:
             context.name, bad, inner, delaunay.flips,
         )  # fmt: skip
     facts = {**facts, "used": "delaunay", "flips": delaunay.flips}
-    return replace(context, mesh=_on_points(delaunay.mesh, mesh), triangulation=facts)
+    return replace(context, mesh=_on_points(delaunay.mesh, context), triangulation=facts)
 
 
 def bad_edges(mesh: TriangleMesh | IntrinsicMesh) -> int:
@@ -93,11 +93,10 @@ def _hindrance(context: FluidContext, delaunay: IntrinsicMesh) -> str:
     return ""
 
 
-def _on_points(delaunay: IntrinsicMesh, mesh: TriangleMesh) -> TriangleMesh | IntrinsicMesh:
+def _on_points(delaunay: IntrinsicMesh, context: FluidContext) -> TriangleMesh | IntrinsicMesh:
     """A mesh in space where the surface is flat, else lengths with the positions of the vertices."""
-    points = np.asarray(mesh.points)
-    apart = points - points.mean(axis=0)
-    if np.linalg.svd(apart, compute_uv=False)[-1] <= FLATNESS * np.linalg.norm(apart):
+    points = np.asarray(context.mesh.points)
+    if plane_axes(context) is not None:
         return TriangleMesh.from_arrays(points, np.array(delaunay.faces))
     topology = Topology(np.array(delaunay.faces), len(points))
     return IntrinsicMesh(topology, delaunay.side_length, points)
