@@ -1,4 +1,7 @@
-"""Lid-driven cavity against Botella and Peyret (1998): extrema of the velocity on the middle lines.
+"""Steady flow of a lid-driven cavity on the operators of `fluid-sim`, against Botella and Peyret (1998).
+
+Extrema of the velocity on the middle lines. Newton's method (`benchmarks.fluids.steady`) solves for the flow
+at which runs of `fluid-sim` end; the second table has what such runs take.
 
 Run: python -m benchmarks.fluids.cavity [CELLS...]
 """
@@ -17,6 +20,11 @@ from benchmarks.fluids.steady import SteadyFlow, model_of
 # Reynolds number -> u_min on the vertical middle line, v_max and v_min on the horizontal one
 TRUTH = {100: (-0.21404, 0.1795728, -0.2538030), 1000: (-0.3885698, 0.3769447, -0.5270771)}
 GRIDS = (("right", 0.0), ("right", 0.9), ("alternating", 0.85))
+EXTREMA = ("u_min", "v_max", "v_min")
+NEWTON_SECONDS = "s of Newton's method"
+RUN_CELLS = (32, 64)
+RUN_STEP = 0.32  # times the speed of the lid, over the size of a cell
+STEADY_DISTANCE = 1e-3  # root mean square of the difference of velocities, over that of the steady one
 SCENE = """format = "ddgcli-scene/1"
 [time]
 duration = 1
@@ -63,6 +71,24 @@ def errors(n: int, reynolds: int, pattern: str, grading: float) -> tuple[NDArray
     return extrema(flow.stream_function(x), spacing) - TRUTH[reynolds], float(np.sqrt(moved))
 
 
+def run_to_steady(n: int) -> list[float]:
+    """Step, time, steps and CPU seconds of `fluid-sim` from rest, and CPU seconds of Newton's method."""
+    step = RUN_STEP / n
+    text = SCENE.format(n=n, pattern="right", grading=0.0, nu=1.0 / 100, step=step)
+    began = cpu_seconds()
+    flow = SteadyFlow(model_of(text))
+    steady = flow.state(flow.solve(1.0 / 100))
+    newton = cpu_seconds() - began
+    began = cpu_seconds()
+    model = model_of(text)
+    state, count, energy = model.start, 0, flow.model.flows.energy(steady)
+    while True:
+        apart = model.flows.energy(state.replaced(vorticity=state["vorticity"] - steady["vorticity"]))
+        if apart < STEADY_DISTANCE**2 * energy:
+            return [step, count * step, count, cpu_seconds() - began, newton]
+        state, count = model.advance(state, count * step, step), count + 1
+
+
 def main(cells: list[int]) -> None:
     print(machine())
     for reynolds in TRUTH:
@@ -74,8 +100,13 @@ def main(cells: list[int]) -> None:
                 rows.append([pattern, grading, n, *map(float, apart), moved, cpu_seconds() - began])
         print_table(
             f"lid-driven cavity, Re {reynolds}: computed minus Botella and Peyret",
-            ["pattern", "grading", "cells", "u_min", "v_max", "v_min", "change over a step", "s"], rows,
+            ["pattern", "grading", "cells", *EXTREMA, "change over a step", NEWTON_SECONDS], rows,
         )  # fmt: skip
+    print_table(
+        f"fluid-sim at Re 100 (right, grading 0), from rest to within {STEADY_DISTANCE:g} of the steady flow",
+        ["cells", "step", "time", "steps", "s of fluid-sim", NEWTON_SECONDS],
+        [[n, *run_to_steady(n)] for n in RUN_CELLS],
+    )
 
 
 if __name__ == "__main__":
