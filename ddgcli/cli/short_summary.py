@@ -56,13 +56,13 @@ SHORT_FIELDS: dict[str, dict[str, str]] = {
         "compare path_length_residual log_map_miss log_map_skew symmetry_residual triangle_residual",
     },
     "shell-sim": {
-        "results": "frames time steps rejected_steps newton_iterations energies.total reaction_forces pieces "
-        "frequencies load_factors contact_forces cracks plastic_work effects",
+        "results": "frames time steps frame_limited_steps rejected_steps newton_iterations energies.total "
+        "reaction_forces pieces frequencies load_factors contact_forces cracks plastic_work effects",
         "accuracy": "energy_drift momentum_drift angular_momentum_drift max_strain",
     },
     "fluid-sim": {
-        "results": "integrator frames steps rejected_steps kinetic_energy_start kinetic_energy "
-        "enstrophy_start enstrophy total_vorticity total_dye forces effects",
+        "results": "integrator frames steps frame_limited_steps rejected_steps kinetic_energy_start "
+        "kinetic_energy enstrophy_start enstrophy total_vorticity total_dye total_temperature forces effects",
         "accuracy": "energy_drift enstrophy_drift circulation_drift dye_drift divergence_max",
     },
     "willmore-flow": {

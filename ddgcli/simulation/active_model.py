@@ -25,6 +25,7 @@ class ActiveModel:
     next_dt: float
     n_steps: int = 0
     n_rejected: int = 0
+    n_frame_limited: int = 0  # adaptive steps that would pass the time of a frame
     smallest: float = math.inf
     ending: Ending | None = None
     divided: bool = False
@@ -36,12 +37,12 @@ class ActiveModel:
     report_progress: Callable[[], None] = field(default=lambda: None)
 
     def pack(self) -> Arrays:
-        clock = np.array([self.next_dt, self.n_steps, self.smallest, self.n_rejected])
+        clock = np.array([self.next_dt, self.n_steps, self.smallest, self.n_rejected, self.n_frame_limited])
         return {"clock": clock, "stopped": packed_ending(self.ending), **self.model.pack(self.state)}
 
     def restore(self, arrays: Arrays) -> None:
-        self.next_dt, n_steps, self.smallest, n_rejected = arrays["clock"].tolist()
-        self.n_steps, self.n_rejected = int(n_steps), int(n_rejected)
+        self.next_dt, n_steps, self.smallest, *counts = arrays["clock"].tolist()
+        self.n_steps, (self.n_rejected, self.n_frame_limited) = int(n_steps), map(int, counts)
         self.divided = self.rescue_reported = True
         self.ending = unpacked_ending(arrays["stopped"])
         self.state = self.model.unpack({k: v for k, v in arrays.items() if k not in ("clock", "stopped")})

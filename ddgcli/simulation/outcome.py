@@ -40,6 +40,8 @@ class Outcome:
         Of the loop, with those of the run that was resumed.
     steps : int
     smallest_step : float
+    frame_limited_steps : int
+        Adaptive steps that would have passed the time of a frame, where they end.
     rejected_steps : int
         Steps that failed; those that were only divided at a known limit do not count.
     picture_frames : list of TrajectoryFrame
@@ -63,10 +65,21 @@ class Outcome:
     seconds: float = 0.0
     steps: int = 0
     smallest_step: float = np.inf
+    frame_limited_steps: int = 0
     rejected_steps: int = 0
     picture_frames: list[TrajectoryFrame] = field(default_factory=list)
     mesh: Any = None
     final_vertex: dict[str, NDArray] = field(default_factory=dict)
+
+    @property
+    def step_counts(self) -> dict[str, Any]:
+        """Fields of the results that count steps; `frame_limited_steps` where frames made some shorter."""
+        return {
+            "steps": self.steps,
+            **({"smallest_step": self.smallest_step} if self.steps else {}),
+            **({"frame_limited_steps": self.frame_limited_steps} if self.frame_limited_steps else {}),
+            "rejected_steps": self.rejected_steps,
+        }
 
     @property
     def stopped(self) -> str:

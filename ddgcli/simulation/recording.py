@@ -50,6 +50,7 @@ class Recorder:
         self._record(trajectory_frame)
         outcome = self.outcome
         outcome.steps, outcome.smallest_step = snapshot.steps, snapshot.smallest_step
+        outcome.frame_limited_steps = snapshot.frame_limited_steps
         outcome.rejected_steps += rejections(event.kind for event in snapshot.events)
         outcome.ending = snapshot.ending
 

@@ -35,6 +35,7 @@ from ddgcli.simulation.model import (
 log = logging.getLogger("ddgcli")
 RECOVERY_FACTOR = 8.0  # of the shortest part of a step, what the next one tries first
 ROUNDING = 2.0**-52  # relative error of a step below which states do not differ
+CUT_SHARE = 0.99  # of the step to try, below which a step is cut short
 FIRST_DOUBLING = 16  # accepted steps before a step of twice the length is tried
 
 
@@ -75,6 +76,8 @@ class Snapshot:
         Steps taken so far, the maximum over the models.
     smallest_step : float
         Since the start; inf before the first.
+    frame_limited_steps : int
+        Adaptive steps so far that would have passed the time of a frame, the most over the models.
     ending : Ending or None
         Why the run ends here.
     """
@@ -87,6 +90,7 @@ class Snapshot:
     events: tuple[Event, ...]
     steps: int
     smallest_step: float
+    frame_limited_steps: int = 0
     ending: Ending | None = None
 
     @property
@@ -196,6 +200,7 @@ def _snapshot(
             tuple(events),
             max((active.n_steps for active in active_models), default=0),
             min((active.smallest for active in active_models), default=math.inf),
+            max((active.n_frame_limited for active in active_models), default=0),
             _common_ending([active.ending for active in active_models]),
         )
 
@@ -399,7 +404,8 @@ def _advance_adaptively(
     shortest = (end - time) * 0.5**40
     doubling = _Doubling()
     while time < end:
-        pieces = max(1, math.ceil((end - time) / min(active.next_dt, model.largest_step) - 1e-9))
+        longest = min(active.next_dt, model.largest_step)
+        pieces = max(1, math.ceil((end - time) / longest - 1e-9))
         dt = (end - time) / pieces
         try:
             state, error = _doubled_step(active, schedule, first, time, dt, events)
@@ -426,10 +432,11 @@ def _advance_adaptively(
         active.reached = (time + dt) / schedule.dt
         active.report_progress()
         active.n_steps += 2
+        active.n_frame_limited += 2 * (pieces == 1 and dt < CUT_SHARE * longest)
         active.smallest = min(active.smallest, dt / 2)
         time = end if pieces == 1 else time + dt
         grown = dt * max(0.2, min(growth, 2.0))
-        cut_short = dt < 0.99 * active.next_dt
+        cut_short = dt < CUT_SHARE * active.next_dt
         active.next_dt = max(active.next_dt, grown) if cut_short and growth >= 1 else grown
         active.next_dt = max(active.next_dt, doubling.after(dt))
         if model.stop is not None:

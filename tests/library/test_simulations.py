@@ -237,3 +237,19 @@ def test_a_run_that_breaks_off_leaves_a_part(tmp_path):
     with pytest.raises(ddg.errors.SolveError):
         ddg.write_trajectory(tmp_path / "run.vtkhdf", trajectory_frames(), mesh_of_shell())
     assert [p.name for p in tmp_path.iterdir()] == ["run.vtkhdf.part"]
+
+
+def test_results_count_the_steps_that_frames_shorten_and_have_the_totals_of_what_is_carried():
+    warm = {"temperature": "2", "gravity": [0, 0, 0]}
+    scene = {
+        "object": [{"role": "fluid", "name": "a", "grid": {"size": [1, 1], "cells": [6, 6]}}],
+        "effects": {"initial": {"flow": "taylor-green"}, "buoyancy": warm, "dye": {"amount": "1"}},
+    }
+    run = ddg.simulate(scene, duration=0.1, tolerance=1.0)
+    list(run)
+    results = run.finish().results
+    assert 90 < results["frame_limited_steps"] <= results["steps"]  # 50 frames of two half steps
+    assert results["total_temperature"] == pytest.approx(2 * results["total_dye"], rel=1e-12)
+    run = ddg.simulate(scene, duration=0.1, step=0.01)
+    list(run)
+    assert "frame_limited_steps" not in run.finish().results

@@ -19,7 +19,7 @@ from ddgcli.scenes.scene import resolve
 from ddgcli.scenes.sections import Section
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.effects import Effect
-from ddgcli.simulation.model import Observation
+from ddgcli.simulation.model import Model, Observation, Schedule
 from ddgcli.simulation.time_loop import evolve
 
 NONE = np.zeros(0)
@@ -142,3 +142,22 @@ def test_an_integrator_of_another_dimension_is_refused(monkeypatch):
     monkeypatch.setitem(fluid_scene.TRANSPORTS, "conservative", {3: "nowhere"})
     with pytest.raises(SceneError, match="conservative does not exist in 2-D"):
         models_of(SCENE.replace("spin = {}\n", ""))
+
+
+def test_adaptive_steps_that_frames_shorten_are_counted():
+    """An exact scheme takes steps twice as long as the last, unless a frame ends them."""
+    model = Model(
+        np.zeros(1), lambda state, time, dt: state + dt, lambda state: Observation(None),
+        lambda s: {"s": s}, lambda a: a["s"], distance=lambda a, b: 0.0, order=2,
+    )  # fmt: skip
+
+    def counts(n_frames, resume=None):
+        schedule = Schedule(8.0 / n_frames, n_frames, tolerance=1e-3, first_dt=1.0)
+        return list(evolve({"m": model}, schedule, Account(), resume))
+
+    by_frames = counts(8)  # 1, then 2, 2, ... are allowed; every one is cut to 1
+    assert [s.frame_limited_steps for s in by_frames] == [0, 0, *range(2, 16, 2)]
+    assert [s.steps for s in by_frames] == [*range(0, 18, 2)]
+    resumed = counts(8, (3, by_frames[3].checkpoint))
+    assert [s.frame_limited_steps for s in resumed] == [s.frame_limited_steps for s in by_frames[4:]]
+    assert counts(1)[-1].frame_limited_steps <= 2  # the last step of the run alone

@@ -81,9 +81,7 @@ def _results(outcome: Outcome, models: Mapping[str, FluidModel]) -> dict[str, An
     results: dict[str, Any] = {
         "integrator": next(iter(models.values())).scene.time.integrator,
         "frames": outcome.n_frames,
-        "steps": outcome.steps,
-        **({"smallest_step": outcome.smallest_step} if outcome.steps else {}),
-        "rejected_steps": outcome.rejected_steps,
+        **outcome.step_counts,
     }
     for name in ("kinetic_energy", "enstrophy", "total_vorticity"):
         results[name] = float(series[name][-1])
@@ -100,8 +98,9 @@ def _results(outcome: Outcome, models: Mapping[str, FluidModel]) -> dict[str, An
     forces = {k.removeprefix("force_"): series[k][-1].tolist() for k in series if k.startswith("force_")}
     if forces:
         results["forces"] = forces
-    if "total_dye" in series:
-        results["total_dye"] = float(series["total_dye"][-1])
+    for name in ("total_dye", "total_temperature"):
+        if name in series:
+            results[name] = float(series[name][-1])
     return results
 
 

@@ -104,9 +104,7 @@ def _results(outcome: Outcome) -> dict[str, Any]:
     results = {
         "frames": outcome.n_frames,
         "time": last.time,
-        "steps": outcome.steps,
-        **({"smallest_step": outcome.smallest_step} if outcome.steps else {}),
-        "rejected_steps": outcome.rejected_steps,
+        **outcome.step_counts,
         "newton_iterations": int(series["newton_iterations"][-1]),
         "energies": energies,
         "momentum": last.scalar["momentum"],
