@@ -121,14 +121,16 @@ class VolumeTracer:
     ) -> NDArray[np.float64]:
         """(n,) values after dt, in the mean of the velocities of two states."""
         space, paths, vertices = self.space, self.paths, self.vertices
-        velocity = space.vertex_means(0.5 * (space.cell_velocity(before) + space.cell_velocity(after)))
+        first, last = (space.vertex_velocity(space.cell_velocity(s), s.time) for s in (before, after))
+        velocity = 0.5 * (first + last)
         back, forth = (paths.vertices_carried(velocity, vertices, span) for span in (dt, -dt))
         there, again = np.array(values), np.array(values)
         there[vertices] = paths.interpolated(values, *back)
         again[vertices] = paths.interpolated(there, *forth)
         moved = paths.interpolated(1.5 * values - 0.5 * again, *back)
         corners = values[space.cells[back[0]]]
-        bounds = Bounds(corners.min(axis=1), corners.max(axis=1))
+        rest, here = ~velocity[vertices].any(axis=1), values[vertices]
+        bounds = Bounds(np.where(rest, here, corners.min(axis=1)), np.where(rest, here, corners.max(axis=1)))
         result = np.array(values)
         result[vertices] = np.clip(moved, *bounds)
         leaving = None

@@ -16,6 +16,7 @@ from ddgcli.models.fluid.volume_space import VolumeSpace
 
 MAX_CROSSINGS = 4000  # cells that one line may cross; the line ends there
 MAX_STALLS = 100  # crossings one after another without progress, as between two walls; the line ends there
+WEIGHT_ROUNDING = 1e-12  # barycentric coordinate up to which a point lies on the face
 STALL_SHARE = 1e-9  # progress over the length of the whole shift
 
 
@@ -55,10 +56,11 @@ class VolumePaths:
         stalls = np.zeros(len(cell), dtype=np.int64)
         for _ in range(MAX_CROSSINGS):
             here, step = cell[active], shift[active]
-            weight = np.maximum(self.barycentric(here, points[active]), 0.0)
+            weight = self.barycentric(here, points[active])
+            weight = np.where(weight > WEIGHT_ROUNDING, weight, 0.0)
             fall = -np.einsum("pia,pa->pi", self.space.slope[here], step)
             reach = np.divide(weight, fall, out=np.full_like(weight, np.inf), where=fall > 1e-14)
-            exit_ = np.argmin(reach, axis=1)
+            exit_ = self._first_exit(here, reach, fall)
             share = np.minimum(reach[np.arange(len(active)), exit_], 1.0)
             points[active] += share[:, None] * step
             rest = (1.0 - share)[:, None] * step
@@ -79,6 +81,14 @@ class VolumePaths:
             if not len(active):
                 break
         return cell, points
+
+    def _first_exit(self, cell: NDArray, reach: NDArray, fall: NDArray) -> NDArray[np.int64]:
+        """(p,) faces that shifts reach first; at edges and vertices the one that they cross most steeply.
+
+        `fall` (p, 4) is how fast the barycentric coordinates fall, over the heights of the cells a length.
+        """
+        first = reach <= reach.min(axis=1, keepdims=True)
+        return np.argmax(np.where(first, fall * self._height[cell], -np.inf), axis=1)
 
     def carried(self, vertex_velocity: NDArray, cell: NDArray, points: NDArray, dt: float) -> tuple:
         """Cells and positions after -dt in a velocity linear in every cell: midpoint rule."""
@@ -126,9 +136,14 @@ class VolumePaths:
         return cell[vertices]
 
     @cached_property
+    def _height(self) -> NDArray[np.float64]:
+        """(m, 4) heights of the corners above the faces opposite."""
+        return 1.0 / np.linalg.norm(self.space.slope, axis=2)
+
+    @cached_property
     def _inward(self) -> NDArray[np.float64]:
         """(m, 4, 3) unit normals of the faces into the cell."""
-        return self.space.slope / np.linalg.norm(self.space.slope, axis=2, keepdims=True)
+        return self.space.slope * self._height[:, :, None]
 
     @cached_property
     def _boundary_corners(self) -> NDArray[np.int64]:
