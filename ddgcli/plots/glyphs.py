@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.plots.raster import Camera, PixelFaces
-from ddgcli.plots.streamlines import streamlines
+from ddgcli.plots.streamlines import picture_vectors, streamlines
 
 SPACING = 1 / 42  # of the picture's larger side: at most one glyph in a square of this size
+LEAST_LENGTH = 1e-9  # of the longest vector, up to which one is zero
 HEAD = 0.34  # of an arrow's length
 ARROW_LENGTH = 0.075  # of a unit vector of a frame, in sizes of the picture
 FRAME_SPACING = 0.12  # of frames along a curve, in sizes of the surface
@@ -28,13 +29,16 @@ class Glyphs:
     stripes : bool
         Lines without heads, through their places: v and -v are the same direction.
     faces : (m, 3) ndarray of int64, optional
-        Of the surface in the picture, the places its vertices: streamlines are drawn instead.
+        Of the surface in the picture, the places its vertices: arrows are drawn at equal distances.
+    lines : bool
+        Draw streamlines, which need the faces.
     """
 
     places: NDArray[np.float64]
     vectors: NDArray[np.float64]
     stripes: bool = False
     faces: NDArray[np.int64] | None = None
+    lines: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +110,7 @@ def thin_glyphs(camera: Camera, visible: PixelFaces, glyphs: Glyphs) -> NDArray[
     column, row = (np.clip(place[:, i], 0, limit - 1).astype(np.int64) for i, limit in (
         (0, camera.width), (1, camera.height)))  # fmt: skip
     length = np.linalg.norm(glyphs.vectors, axis=1)
-    drawable = np.isfinite(length) & (length > 1e-9 * np.nanmax(length, initial=0.0))
+    drawable = np.isfinite(length) & (length > LEAST_LENGTH * np.nanmax(length, initial=0.0))
     drawable &= place[:, 2] <= visible.depth[row, column] + 0.01 * size
     number = np.flatnonzero(drawable)
     cell = np.floor(place[number, :2] / (SPACING * size)).astype(np.int64)
@@ -116,6 +120,50 @@ def thin_glyphs(camera: Camera, visible: PixelFaces, glyphs: Glyphs) -> NDArray[
     first = np.ones(len(number), dtype=bool)
     first[1:] = (cell[1:] != cell[:-1]).any(axis=1)
     return np.sort(number[first])
+
+
+def even_arrows(
+    camera: Camera, visible: PixelFaces, faces: NDArray, vectors: NDArray
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Arrows at the centres of equal squares over the visible surface.
+
+    Parameters
+    ----------
+    camera : Camera
+    visible : PixelFaces
+    faces : (m, 3) ndarray of int64
+        The first m of the visible faces.
+    vectors : (n, 3) ndarray of float64
+        At the vertices.
+
+    Returns
+    -------
+    middle, vectors : (k, 2) ndarray of float64
+        Columns and rows; finite and not zero.
+    """
+    pixel, at = picture_vectors(camera, visible, faces, vectors)
+    place = np.stack([pixel % camera.width, pixel // camera.width], axis=1)
+    spacing = SPACING * max(camera.width, camera.height)
+    number = np.full(camera.width * camera.height, -1, dtype=np.int64)
+    number[pixel] = np.arange(len(pixel))
+    centres = [_centres(place[:, axis], spacing) for axis in (0, 1)]
+    middle = np.stack(np.meshgrid(*centres), axis=-1).reshape(-1, 2)
+    column, row = np.floor(middle).astype(np.int64).T
+    there = number[row * camera.width + column]
+    middle, flat = middle[there >= 0], at[there[there >= 0]]
+    length = np.hypot(flat[:, 0], flat[:, 1])
+    drawable = length > LEAST_LENGTH * np.nanmax(length, initial=0.0)
+    return middle[drawable], flat[drawable]
+
+
+def _centres(place: NDArray, spacing: float) -> NDArray[np.float64]:
+    """Centres of as many intervals as fit between the least and the largest place, or one."""
+    if not len(place):
+        return np.zeros(0)
+    low, high = int(place.min()), int(place.max()) + 1
+    count = max(1, int((high - low) / spacing))
+    steps = np.arange(count, dtype=np.float64) - 0.5 * (count - 1)
+    return np.asarray(0.5 * (low + high) + spacing * steps, dtype=np.float64)
 
 
 def draw_glyphs(axes: Any, camera: Camera, visible: PixelFaces, glyphs: Glyphs) -> None:
@@ -129,18 +177,22 @@ def draw_glyphs(axes: Any, camera: Camera, visible: PixelFaces, glyphs: Glyphs) 
     visible : PixelFaces
     glyphs : Glyphs
     """
-    if glyphs.faces is not None:
+    if glyphs.faces is not None and glyphs.lines:
         _draw_streamlines(axes, camera, streamlines(camera, visible, glyphs.faces, glyphs.vectors))
         return
-    numbers = thin_glyphs(camera, visible, glyphs)
-    if len(numbers) == 0:
+    if glyphs.faces is not None:
+        middle, flat = even_arrows(camera, visible, glyphs.faces, glyphs.vectors)
+        length = np.hypot(flat[:, 0], flat[:, 1])
+    else:
+        numbers = thin_glyphs(camera, visible, glyphs)
+        length = np.linalg.norm(glyphs.vectors[numbers], axis=1)
+        flat = (glyphs.vectors[numbers] @ camera.axes.T)[:, :2] * [1.0, -1.0]
+        middle = camera.project(glyphs.places[numbers])[:, :2]
+    if len(middle) == 0:
         return
-    vectors = glyphs.vectors[numbers]
-    length = np.linalg.norm(vectors, axis=1)
-    scale = 1.05 * SPACING * max(camera.width, camera.height) / float(np.quantile(length, 0.98))
-    vectors = vectors * (scale * np.minimum(1.0, np.quantile(length, 0.98) / length))[:, None]
-    flat = (vectors @ camera.axes.T)[:, :2] * [1.0, -1.0]
-    middle = camera.project(glyphs.places[numbers])[:, :2]
+    longest = float(np.quantile(length, 0.98))
+    scale = 1.05 * SPACING * max(camera.width, camera.height) / longest
+    flat = flat * (scale * np.minimum(1.0, longest / length))[:, None]
     tail, tip = middle - flat / 2, middle + flat / 2
     _draw_lines(axes, np.stack([tail, tip], axis=1) if glyphs.stripes else _with_heads(tail, tip))
 

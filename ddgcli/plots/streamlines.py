@@ -56,16 +56,40 @@ def streamlines(
     return _spaced(ahead, back, spacing)
 
 
-def _picture_field(camera: Camera, visible: PixelFaces, faces: NDArray, vectors: NDArray) -> Field:
-    """Unit direction in the picture at (k, 2) columns and rows; NaN where there is none."""
+def picture_vectors(
+    camera: Camera, visible: PixelFaces, faces: NDArray, vectors: NDArray
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Vectors in the picture, linear between the vertices, at the pixels that show the surface.
+
+    Parameters
+    ----------
+    camera : Camera
+    visible : PixelFaces
+    faces : (m, 3) ndarray of int64
+        The first m of the visible faces.
+    vectors : (n, 3) ndarray of float64
+        At the vertices.
+
+    Returns
+    -------
+    pixel : (k,) ndarray of int64
+        Flat indices.
+    vectors : (k, 2) ndarray of float64
+        Along columns and rows, foreshortened.
+    """
     own = visible.face < len(faces)
     corner = faces[visible.face[own]]
     flat = (np.asarray(vectors, dtype=np.float64) @ camera.axes.T)[:, :2] * [1.0, -1.0]
-    at = np.einsum("kij,ki->kj", flat[corner], visible.barycentric[own])
+    return visible.pixel[own], np.einsum("kij,ki->kj", flat[corner], visible.barycentric[own])
+
+
+def _picture_field(camera: Camera, visible: PixelFaces, faces: NDArray, vectors: NDArray) -> Field:
+    """Unit direction in the picture at (k, 2) columns and rows; NaN where there is none."""
+    pixel, at = picture_vectors(camera, visible, faces, vectors)
     speed = np.hypot(at[:, 0], at[:, 1])
     moves = speed > LEAST_SPEED * speed.max(initial=0.0)
     direction = np.full((camera.height * camera.width, 2), np.nan, dtype=np.float32)
-    direction[visible.pixel[own][moves]] = at[moves] / speed[moves, None]
+    direction[pixel[moves]] = at[moves] / speed[moves, None]
 
     def field(places: NDArray) -> NDArray[np.float64]:
         column, row = np.floor(np.nan_to_num(places, nan=-1.0)).astype(np.int64).T

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from ddgcli.choices import VELOCITY_GLYPHS
-from ddgcli.cli.simulation.plot import glyphs_of_velocity, particle_lines
+from ddgcli.cli.simulation.plot import array_label, glyphs_of_velocity, particle_lines
 from ddgcli.mesh import shapes
+from ddgcli.plots.glyphs import SPACING as GLYPH_SPACING
+from ddgcli.plots.glyphs import draw_glyphs
 from ddgcli.plots.raster import fitted_camera, rasterise, view_axes
 from ddgcli.plots.streamlines import SPACING, streamlines
 
@@ -30,13 +32,52 @@ def test_paths_on_a_periodic_grid_do_not_cross_the_picture():
     assert len(lines[0]) == 4 and np.array_equal(lines[1][:, 0], WALK[1, 2:])
 
 
-def test_arrows_stand_at_the_vertices_of_the_cut_of_a_volume():
+def test_arrows_stand_on_the_cut_of_a_volume():
     box = shapes.box_tetrahedra(4, 4, 4)
     vectors = np.tile([1.0, 0.0, 0.0], (box.n_vertices, 1))
     arrows = glyphs_of_velocity(box, vectors, "arrows", None)
-    assert arrows.places[:, 1].min() > 0.2 and len(arrows.vectors) == len(arrows.places)
+    assert arrows.places[arrows.faces][..., 1].min() > 0.2 and len(arrows.vectors) == len(arrows.places)
     assert glyphs_of_velocity(box, None, "arrows", None) is None
     assert glyphs_of_velocity(box, vectors, "none", None) is None
+
+
+@pytest.mark.parametrize("cells", [3, 32, 75])
+def test_arrows_on_a_regular_grid_are_at_equal_distances_and_have_the_velocity_there(cells):
+    """Whatever the size of its cells: one in each square of the picture, in its centre."""
+
+    class Axes:
+        segments = np.zeros((0, 2, 2))
+
+        def add_collection(self, lines):
+            self.segments = np.array(lines.get_segments())
+
+    square = shapes.grid(cells, cells)
+    camera = fitted_camera(square.points, view_axes(square.points, "z"), 640, 480)
+    visible, axes = rasterise(camera, square.points, square.faces), Axes()
+    wind = np.stack(
+        [1.0 + square.points[:, 1], 0.5 + 0 * square.points[:, 0], 0 * square.points[:, 0]], axis=1
+    )
+    draw_glyphs(axes, camera, visible, glyphs_of_velocity(square, wind, "arrows", None))
+    shaft = axes.segments[: len(axes.segments) // 3]
+    middle, along = shaft.mean(axis=1), np.diff(shaft, axis=1)[:, 0]
+    centres = [np.unique(middle[:, axis].round(6)) for axis in (0, 1)]
+    assert len(middle) == len(centres[0]) * len(centres[1]) > 100
+    assert all(np.allclose(np.diff(c), 640 * GLYPH_SPACING) for c in centres)
+    low, high = (getattr(camera.project(square.points)[:, :2], end)(axis=0) for end in ("min", "max"))
+    assert np.abs(np.array([c[0] + c[-1] for c in centres]) - (low + high)).max() < 2.5
+    y = (high[1] - middle[:, 1]) / (high[1] - low[1])
+    inner = np.hypot(*along.T) < 0.97 * np.hypot(*along.T).max()  # the longest are cut
+    assert np.allclose((-along[:, 0] / along[:, 1])[inner], 2.0 * (1.0 + y)[inner], rtol=0.01)
+
+
+def test_labels_of_colour_bars_of_flows_have_units():
+    arrays = ("vorticity", "velocity", "speed", "pressure", "stream_function", "temperature", "dye")
+    labels = [array_label(name, arrays) for name in arrays]
+    assert labels == [
+        "vorticity [1/s]", "velocity [m/s]", "speed [m/s]", "pressure [m²/s²]", "stream_function [m²/s]",
+        "temperature [K]", "dye",
+    ]  # fmt: skip
+    assert array_label("velocity", ("velocity", "strain")) == "velocity"
 
 
 @pytest.mark.parametrize("what", ["arrows", "streamlines", "paths"])

@@ -355,6 +355,7 @@ def _array_name(source: Trajectory, settings: dict[str, Any]) -> str | None:
 
 
 def _style(source: Trajectory, frame_numbers: list[int], settings: dict[str, Any]) -> SequenceStyle:
+    from ddgcli.cli.simulation.plot import array_label
     from ddgcli.plots.colour import is_signed, value_scale
     from ddgcli.plots.motion import sequence_style
 
@@ -363,7 +364,7 @@ def _style(source: Trajectory, frame_numbers: list[int], settings: dict[str, Any
     signed = None if name is None else is_signed(name, source.vertex(frame_numbers[0])[name].ndim)
     return sequence_style(
         _plot_frames(source, frame_numbers, settings),
-        name or "",
+        "" if name is None else array_label(name, source.vertex(frame_numbers[0])),
         settings["view"],
         signed=signed,
         value_size=value_scale(name or ""),

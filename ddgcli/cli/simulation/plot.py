@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,13 +11,17 @@ from numpy.typing import NDArray
 from ddgcli.choices import VELOCITY_GLYPHS
 from ddgcli.cli.options import CommonOptions, page_size
 from ddgcli.errors import named_array
-from ddgcli.mesh.ragged import unique_keys
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.simulation.frames import mesh_of_frame
 from ddgcli.simulation.outcome import Outcome
 
 SHAPE_AMPLITUDE = 0.1  # of the longest side of the bounding box, of the eigenmode in a picture
+# of the arrays of fluids, per density
+FLOW_UNITS = {
+    "vorticity": "1/s", "velocity": "m/s", "speed": "m/s", "pressure": "m²/s²", "stream_function": "m²/s",
+    "temperature": "K",
+}  # fmt: skip
 ENERGIES = ("energy", "kinetic_energy", "elastic_energy")  # and those that begin with energy_
 
 
@@ -76,7 +80,8 @@ def draw_run(
 
     if common.show is not None:
         named_array(outcome.picture_frames[0].vertex, common.show, parameter="show")
-        picture = replace(picture, array=common.show, label=common.show, limits=None)
+        label = array_label(common.show, outcome.picture_frames[0].vertex)
+        picture = replace(picture, array=common.show, label=label, limits=None)
     plot_frames = []
     for trajectory_frame in outcome.picture_frames:
         mesh = mesh_of_frame(outcome.mesh, trajectory_frame)
@@ -134,18 +139,16 @@ def draw_shape(
 
 
 def glyphs_of_velocity(mesh: Any, vectors: NDArray | None, style: str, shown: NDArray | None) -> Any:
-    """Arrows at the vertices that pictures show, or streamlines; None without vectors."""
+    """Arrows at equal distances on the visible faces, or streamlines; None without vectors."""
     import numpy as np
 
     from ddgcli.plots.glyphs import Glyphs
 
     if vectors is None or style == "none":
         return None
-    faces = visible_part(mesh, shown).faces
-    if style == "streamlines":
-        return Glyphs(mesh.points, np.asarray(vectors, dtype=np.float64), faces=faces)
-    vertices = unique_keys(faces)
-    return Glyphs(np.asarray(mesh.points)[vertices], np.asarray(vectors, dtype=np.float64)[vertices])
+    at_vertices = np.asarray(vectors, dtype=np.float64)
+    lines = style == "streamlines"
+    return Glyphs(mesh.points, at_vertices, faces=visible_part(mesh, shown).faces, lines=lines)
 
 
 LONGEST_STEP = 0.5  # of the size of a periodic grid: a longer step of a particle crosses its sides
@@ -168,6 +171,12 @@ def particle_lines(
         jump = np.flatnonzero((np.abs(np.diff(path, axis=0)) > reach).any(axis=1))
         lines.append(path[jump[-1] + 1 if len(jump) else 0 :])
     return lines
+
+
+def array_label(name: str, arrays: Collection[str]) -> str:
+    """Name beside a colour bar, with the unit where the arrays of a frame are those of a fluid."""
+    is_known = "vorticity" in arrays and name in FLOW_UNITS
+    return f"{name} [{FLOW_UNITS[name]}]" if is_known else name
 
 
 def magnitude(values: NDArray) -> NDArray:
