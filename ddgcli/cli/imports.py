@@ -9,10 +9,13 @@ from __future__ import annotations
 
 import functools
 import importlib.util
+import os
 import sys
+import threading
 import types
 from contextlib import suppress
-from importlib.machinery import PathFinder
+from importlib.abc import Loader
+from importlib.machinery import ModuleSpec, PathFinder
 from typing import Any
 
 import click
@@ -39,75 +42,115 @@ def defer_imports(names: tuple[str, ...] = DEFERRED_MODULES) -> None:
         if name in sys.modules:
             continue
         parent_name, _, child = name.rpartition(".")
-        spec = importlib.util.find_spec(name)
-        if spec is None or spec.loader is None:
+        if importlib.util.find_spec(name) is None:
             continue
-        spec.loader = importlib.util.LazyLoader(spec.loader)
-        module = importlib.util.module_from_spec(spec)
+        module = _MaskedArrays(name) if name == "numpy.ma" else _DeferredModule(name)
         sys.modules[name] = module
-        spec.loader.exec_module(module)
-        if name == "numpy.ma":
-            _answer_unloaded(module)
         setattr(sys.modules[parent_name], child, module)
-    if _SpatialFinder not in sys.meta_path:
-        sys.meta_path.insert(0, _SpatialFinder)
+    sys.modules.setdefault("scipy.spatial", _SpatialPackage("scipy.spatial"))
+    if _LoadedModuleFinder not in sys.meta_path:
+        sys.meta_path.insert(0, _LoadedModuleFinder)
 
 
-class _SpatialFinder:
-    """Finds `scipy.spatial` for the import system, which imports scipy itself at its own first use."""
-
-    @staticmethod
-    def find_spec(name: str, path: Any = None, target: Any = None) -> Any:
-        if name != "scipy.spatial":
-            return None
-        spec = PathFinder.find_spec(name, path, target)
-        if spec is not None and spec.loader is not None:
-            spec.loader = _SpatialLoader(spec.loader)  # type: ignore[assignment]
-        return spec
+_PLACEHOLDER_LOCK = threading.Lock()
 
 
-class _SpatialLoader:
-    """Leaves the package unloaded."""
+class _DeferredModule(types.ModuleType):
+    """Placeholder in `sys.modules`, which imports its module at the first access to an attribute.
 
-    def __init__(self, loader: Any) -> None:
-        self.loader = loader
-
-    @staticmethod
-    def create_module(_: Any) -> None:
-        """The import system makes the module."""
-
-    def exec_module(self, module: types.ModuleType) -> None:
-        module.__spec__.loader = self.loader  # type: ignore[union-attr]
-        module.__class__ = _SpatialPackage
-
-
-class _SpatialPackage(types.ModuleType):
-    """`scipy.spatial` before it is loaded: the k-d tree alone is imported from its own module."""
+    The import system imports the whole module at that access, under its own locks: no code meets a module
+    that is half loaded, unless ordinary imports would show it to that code too.
+    """
 
     def __getattr__(self, name: str) -> Any:
-        if name == "cKDTree":
-            with suppress(ImportError):  # of a scipy that has it elsewhere
-                return importlib.import_module("scipy.spatial._ckdtree").cKDTree
-        self.__class__ = types.ModuleType  # type: ignore[assignment]
-        self.__spec__.loader.exec_module(self)  # type: ignore[union-attr]
-        return getattr(self, name)
+        return getattr(self._loaded(), name)
+
+    def __dir__(self) -> list[str]:
+        return dir(self._loaded())
+
+    def _is_deferred(self) -> bool:
+        return sys.modules.get(self.__name__) is self
+
+    def _loaded(self) -> types.ModuleType:
+        with _PLACEHOLDER_LOCK:
+            if self._is_deferred():
+                del sys.modules[self.__name__]
+        return importlib.import_module(self.__name__)
 
 
-def _answer_unloaded(masked_arrays: types.ModuleType) -> None:
-    """Let numpy test whether an array is masked without loading `numpy.ma`: before that, none is.
+class _LoadedModuleFinder:
+    """Loads a deferred package before its submodules, and finds those that the package has loaded.
 
-    `np.unique` and `np.median` do so, and loading takes a tenth of a command on a small mesh.
+    The import system reads `sys.modules` before it calls finders: without this one it would load such a
+    submodule twice, or before its package.
     """
-    lazy_class = type(masked_arrays)
 
-    class UnloadedMaskedArrays(lazy_class):  # type: ignore[misc, valid-type]
-        def __getattribute__(self, name: str) -> Any:
-            if name in ("is_masked", "isMaskedArray"):
-                return lambda _: False
-            object.__setattr__(self, "__class__", lazy_class)
-            return getattr(self, name)
+    @staticmethod
+    def find_spec(name: str, path: Any = None, target: Any = None) -> ModuleSpec | None:
+        package = sys.modules.get(name.rpartition(".")[0])
+        if isinstance(package, _DeferredModule):
+            package._loaded()
+        module = sys.modules.get(name)
+        return None if module is None or target is not None else ModuleSpec(name, _LoadedModule(module))
 
-    object.__setattr__(masked_arrays, "__class__", UnloadedMaskedArrays)
+
+class _LoadedModule(Loader):
+    """Loader of a module that is loaded."""
+
+    def __init__(self, module: types.ModuleType) -> None:
+        self.module, self.spec = module, module.__spec__
+
+    def create_module(self, _: ModuleSpec) -> types.ModuleType:
+        return self.module
+
+    def exec_module(self, module: types.ModuleType) -> None:
+        module.__spec__ = self.spec  # which the import system has replaced
+
+
+class _SpatialPackage(_DeferredModule):
+    """`scipy.spatial`: the k-d tree alone is loaded from its own file."""
+
+    def __getattr__(self, name: str) -> Any:
+        if name == "__path__":  # which `from scipy.spatial import cKDTree` reads
+            return _spatial_folders()
+        if name == "cKDTree" and self._is_deferred():
+            with _TREE_LOCK, suppress(ImportError):  # of a scipy that has it elsewhere
+                return _tree_class()
+        return super().__getattr__(name)
+
+
+_TREE_LOCK = threading.Lock()
+
+
+def _spatial_folders() -> list[str]:
+    import scipy
+
+    return [os.path.join(folder, "spatial") for folder in scipy.__path__]
+
+
+@functools.cache
+def _tree_class() -> Any:
+    """The class `cKDTree`, without its package."""
+    importlib.import_module("scipy.sparse")  # which the tree's module imports
+    spec = PathFinder.find_spec("scipy.spatial._ckdtree", _spatial_folders())
+    if spec is None or spec.loader is None:
+        raise ImportError(name="scipy.spatial._ckdtree")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    sys.modules.pop(spec.name, None)  # it registers itself; the import of the package makes it an attribute
+    return module.cKDTree
+
+
+class _MaskedArrays(_DeferredModule):
+    """`numpy.ma`: before it is loaded, no array is masked.
+
+    `np.unique` and `np.median` test that, and loading takes a tenth of a command on a small mesh.
+    """
+
+    def __getattr__(self, name: str) -> Any:
+        if name in ("is_masked", "isMaskedArray") and self._is_deferred():
+            return lambda _: False
+        return super().__getattr__(name)
 
 
 def with_deferred_imports(command: click.Command) -> click.Command:
