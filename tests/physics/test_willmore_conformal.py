@@ -8,8 +8,9 @@ import pytest
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
-from ddgcli.models.willmore.conformal import conformal_step, log_ratio_change
+from ddgcli.models.willmore.conformal import conformal_step, distance_from_rest, log_ratio_change
 from ddgcli.models.willmore.constraints import area
+from ddgcli.models.willmore.endings import EndingKind
 from ddgcli.models.willmore.setup import FlowOptions
 from ddgcli.models.willmore.state import CONFORMAL_STOP
 from tests.physics.willmore_runs import assert_falls, ellipsoid, energies, run_flow
@@ -72,6 +73,16 @@ def test_tori_of_revolution_stay_where_the_plain_step_would_tear_them():
     ring = shapes.torus(32, 16, 3.0, 1.0)
     moved = conformal_step(ring, 1.0)
     assert log_ratio_change(ring, moved)["log_ratio_change_max"] < 2e-4
+
+
+@pytest.mark.parametrize("major", [3.0, np.sqrt(2.0)])
+def test_a_torus_of_revolution_is_at_rest_whatever_the_degrees_of_its_vertices(major):
+    """Of diagonals that alternate, every second vertex has four faces and the others eight."""
+    ring = shapes.torus(32, 24, major, 1.0, pattern="alternating")
+    snapshots, end, shots = run_flow(ring, CONFORMAL)
+    assert shots[-1].ending.kind != EndingKind.UNRESOLVED
+    assert distance_from_rest(ring) < 0.005 * energies(snapshots)[0]
+    assert np.abs(end.points - ring.points).max() < 0.02
 
 
 def test_a_bumpy_torus_returns_to_one_of_revolution():

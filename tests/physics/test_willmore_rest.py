@@ -14,6 +14,7 @@ from ddgcli.geometry.normals import sphere_normals
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore import descent, endings, flow, report, setup, step_rules, triangle_quality
 from ddgcli.models.willmore.constraints import area
 from ddgcli.models.willmore.least_energies import least_energy
@@ -176,6 +177,14 @@ def test_advice_for_crumpled_ends_never_leads_back():
     ]
     for mesh, options, advice in cases:
         assert report.failure_reason(endings.CRUMPLING, mesh, mesh, options).endswith(advice)
+
+
+def test_only_closed_films_that_fold_are_advised_of_handles():
+    """An annulus has no handle, although its Euler characteristic is that of a torus."""
+    torus = shapes.torus(12, 8)
+    annulus = TriangleMesh.from_arrays(torus.points, torus.faces[16:])
+    for mesh, advice in ((annulus, "use `remesh=mean`"), (torus, "has handles: use `flow=quadratic`")):
+        assert report.failure_reason(endings.FOLDED, mesh, mesh, FlowOptions()).endswith(advice)
 
 
 @pytest.mark.parametrize("limit", [step_rules.REST_FALL, 0.1 * step_rules.REST_FALL])

@@ -25,7 +25,7 @@ from ddgcli.mesh.vectors import row_cross, row_dot
 from ddgcli.models.willmore.area_energy import AreaEnergy
 from ddgcli.models.willmore.step_rules import MIN_CONFORMAL_SHARE
 from ddgcli.models.willmore.vertex_energies import FaceSides
-from ddgcli.operators.laplacian import lumped_vertex_area, stiffness
+from ddgcli.operators.laplacian import lumped_vertex_area, stiffness, voronoi_vertex_area
 
 SHIFT = 1e-9  # of the Dirac operator's square, relative to the largest diagonal, so that it can be factorised
 POWER_ITERATIONS = 4  # of the inverse iteration for the smallest eigenvector
@@ -152,7 +152,8 @@ def _curvature_change(mesh: TriangleMesh) -> NDArray[np.float64]:
     """
     mass = lumped_vertex_area(mesh)
     by_area = AreaEnergy(mesh.topology).value_and_gradient(mesh.points)[1]
-    curvature = 0.5 * row_dot(by_area, sphere_normals(mesh)) / mass
+    # by the cells over which `by_area` integrates: lumped areas alternate with the degrees of the vertices
+    curvature = 0.5 * row_dot(by_area, sphere_normals(mesh)) / voronoi_vertex_area(mesh)
     basis = np.concatenate([np.ones((len(mass), 1)), _tearing_changes(mesh, mass)], axis=1)
     weighted = np.sqrt(mass)[:, None] * basis
     share = np.linalg.lstsq(weighted, np.sqrt(mass) * curvature, rcond=None)[0]

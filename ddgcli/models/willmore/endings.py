@@ -59,7 +59,8 @@ CRUMPLING = Ending(
     EndingKind.UNRESOLVED, "a second energy rises faster than this one falls: the faces crumple"
 )
 NOT_CONFORMAL_REST = Ending(
-    EndingKind.UNRESOLVED, "no conformal step lowers the energy, but the curvature is not yet constant"
+    EndingKind.UNRESOLVED,
+    "no conformal step lowers the energy, but the curvature is less even than its conformal class allows",
 )
 PINCH = Ending(EndingKind.UNRESOLVED, "the surface pinches off: no film of this topology spans the boundary")
 THIN_STAR = Ending(EndingKind.UNRESOLVED, "the closed surface pinches off, or its triangles were too slender")

@@ -255,7 +255,8 @@ def _remedy(ending: Ending, start: TriangleMesh, options: FlowOptions) -> str:
         remedy = "bring the parts of the boundary closer together, or span each by its own surface"
     elif ending in (endings.THIN_STAR, endings.FOLDED):
         remedy = "use `remesh=mean`"
-        if start.topology.euler_characteristic < 2 * start.topology.n_components:
+        topology = start.topology
+        if topology.is_closed and topology.euler_characteristic < 2 * topology.n_components:
             remedy = "only spheres have equal curvature, and this surface has handles: use `flow=quadratic`"
     elif ending == endings.NOT_CONFORMAL_REST:
         remedy = "go on from there with `flow=quadratic`"

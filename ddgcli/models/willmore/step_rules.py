@@ -31,7 +31,7 @@ SECOND_ENERGY_RISE = 0.01
 CRUMPLING_RATIO = 1.2
 AGREEMENT_RATIO = 1.05  # ratio of the two energies up to which the surface is then at rest
 MIN_CONFORMAL_SHARE = 1.0 / 64.0  # of the curvature's way to a constant, for a conformal step
-# of the energy, that constant curvature would release where conformal steps end, up to which that is rest
+# of the energy, in what the class lets the curvature lose where steps end, up to which that is rest
 CONFORMAL_REST_SHARE = 0.005
 # of the least energy, above which a surface that could become round, or a torus of Clifford, is not at rest
 SPHERE_REST_FRACTION, FALSE_REST_FRACTION = 1.02, 1.05
