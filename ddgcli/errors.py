@@ -208,8 +208,9 @@ def named_array(
         If there is no such array; the message lists the names.
     """
     if name not in arrays:
-        names = ", ".join(sorted(arrays)) or "none"
-        raise ParameterError(f"no {what} {name!r}; choose one of: {names}", parameter=parameter)
+        names = ", ".join(sorted(arrays))
+        advice = f"choose one of: {names}" if names else "there is none to choose from"
+        raise ParameterError(f"no {what} {name!r}; {advice}", parameter=parameter)
     return arrays[name]
 
 

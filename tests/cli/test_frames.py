@@ -88,6 +88,53 @@ def test_names_with_a_wrong_frame_number_are_an_error(run, trajectory, tmp_path,
     assert result.exit_code == 2 and "f_{:04d}.ply" in result.stderr and result.stderr.count("\n") == 1
 
 
+@pytest.mark.parametrize(
+    "name, files",
+    [
+        ("o{1}/x_{}.ply", ["o{1}/x_0.ply", "o{1}/x_1.ply"]),
+        ("{}/x_{:02d}.ply", ["{}/x_00.ply", "{}/x_01.ply"]),
+        ("x{{a}}{}.ply", ["x{a}0.ply", "x{a}1.ply"]),
+        ("o}/x{{}}.svg", ["o}/x{}_0000.svg", "o}/x{}_0001.svg"]),
+        ("o{1}/x.pvd", ["o{1}/x.pvd"]),
+    ],
+)
+def test_braces_of_folders_are_their_own_and_double_ones_in_a_name_stand_for_one(
+    summary, trajectory, tmp_path, name, files
+):
+    (tmp_path / name).parent.mkdir(exist_ok=True)
+    summary("frames", trajectory, "--to", 0.01, "-o", tmp_path / name)
+    assert sorted(str(p.relative_to(tmp_path)) for p in (tmp_path / name).parent.glob("x*.*")) == files
+
+
+@pytest.mark.parametrize("name", ["f}.ply", "f_{.ply", "f_{}}.ply", "f{{}}.gif"])
+def test_names_with_a_brace_alone_are_an_error(run, trajectory, tmp_path, name):
+    result = run("frames", trajectory, "-o", tmp_path / name)
+    assert result.exit_code == 2 and "{{ and }} stand for braces" in result.stderr
+
+
+def test_a_folder_or_a_device_is_no_missing_trajectory(run, tmp_path):
+    for path, message in ((tmp_path, "is a folder"), ("/dev/null", "is not a regular file")):
+        result = run("frames", path)
+        assert result.exit_code == 2 and message in result.stderr and "no such file" not in result.stderr
+
+
+def test_the_chart_of_a_curve_flow_shows_what_the_flow_lowers(summary, run, tmp_path):
+    """Curvature flow lowers the length; its elastic energy rises as circles shrink."""
+    angle = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+    rows = [f"v {np.cos(a)} {np.sin(a)} 0" for a in angle] + [f"l {' '.join(map(str, range(1, 25)))} 1"]
+    (tmp_path / "circle.obj").write_text("\n".join(rows))
+    summary("curve-flow", tmp_path / "circle.obj", "--steps", 3, "-o", tmp_path / "run.vtkhdf")
+    charts = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("ddgcli.plots.motion.draw_motion", lambda *arguments, **_: charts.append(arguments))
+        run("frames", tmp_path / "run.vtkhdf", "--plot", tmp_path / "a.png")
+    ((_, _, series, _, label),) = charts
+    assert list(series) == ["length"] and label.startswith("length")
+    assert np.all(np.diff(series["length"][1]) < 0)
+    result = run("frames", tmp_path / "run.vtkhdf", "--show", "nosuch", "-o", tmp_path / "a.png")
+    assert result.exit_code == 2 and ": none\n" not in result.stderr
+
+
 def test_series_names_every_frame(summary, trajectory, tmp_path):
     summary("frames", trajectory, "-o", tmp_path / "s.pvd", "--every", 2)
     text = (tmp_path / "s.pvd").read_text()
@@ -317,8 +364,8 @@ def test_the_default_colours_are_of_a_quantity():
 @pytest.mark.parametrize(
     "times, selection, message",
     [
-        ([0.0, 1.0], {"start": 5.0}, "no frame from 5 s on; the run lasts from 0 to 1 s"),
-        ([0.0, 1.0], {"start": 0.2, "end": 0.7}, "no frame from 0.2 to 0.7 s; the run lasts from 0 to 1 s"),
+        ([0.0, 1.0], {"start": 5.0}, "no frame from 5 on; the run lasts from 0 to 1 s"),
+        ([0.0, 1.0], {"start": 0.2, "end": 0.7}, "no frame from 0.2 to 0.7; the run lasts from 0 to 1 s"),
         ([0.0, 0.2, -0.1, 1.0], {"time": -0.3}, "--at -0.3: the run lasts from -0.1 to 1 s"),
     ],
 )
@@ -328,9 +375,14 @@ def test_a_selection_outside_of_the_run_states_its_times(times, selection, messa
     from ddgcli.cli.commands.frames import _frame_numbers
     from ddgcli.errors import ParameterError
 
-    source = SimpleNamespace(times=np.array(times), n_frames=len(times), frame_at=lambda time: 0)
+    source = SimpleNamespace(
+        times=np.array(times), n_frames=len(times), frame_at=lambda time: 0, attributes={}
+    )
     settings = {"time": None, "start": None, "end": None, "every": 1, **selection}
     with pytest.raises(ParameterError, match=message):
+        _frame_numbers(source, settings)
+    source.attributes["time_unit"] = "L⁴"
+    with pytest.raises(ParameterError, match=message[:-2] + " L⁴"):
         _frame_numbers(source, settings)
     settings = {"time": None, "start": None, "end": None, "every": 1}
     assert _frame_numbers(source, settings) == list(range(len(times)))  # load factors may fall

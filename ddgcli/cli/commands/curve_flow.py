@@ -81,9 +81,10 @@ def command(
     resolved, digest = fingerprint({"options": flow_options, "time": overrides}, {"mesh": source.sha256})
     check_unchanged(resume, resolved, noun="options")
     unit = "L⁴" if flow == "elastic" else "L²"  # L: the input's length unit
+    objective = "elastic_energy" if flow == "elastic" else "length"
     job = Job(
         {"curve": built.model}, [built.curves], built.schedule, Account(), moving=True, resume=resume,
-        attributes={"input_sha256": digest, "time_unit": unit},
+        attributes={"input_sha256": digest, "time_unit": unit, "objective": objective},
         texts={"scene_source": "", "scene_resolved": resolved},
         failure_reason=built.failure_reason,
     )  # fmt: skip

@@ -8,6 +8,7 @@ import tempfile
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from string import Formatter
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 
 
 ANIMATIONS = (".gif", ".mp4")
-FRAME_NUMBER = re.compile(r"\{(?::0?\d*d?)?\}")  # where an output's name has the number of the frame
+NUMBER_FORMAT = re.compile(r"0?\d*d?")  # of the number of a frame in the name of an output
 TIME_LABELS = {"time_name": "t", "time_unit": "s"}  # attributes of trajectories and their defaults
 
 
@@ -36,10 +37,13 @@ TIME_LABELS = {"time_name": "t", "time_unit": "s"}  # attributes of trajectories
 @click.argument("path", metavar="RUN.vtkhdf", type=click.Path(readable=False))
 @options.common
 @click.option(
-    "--at", "time", type=options.REAL_NUMBER, help="Time of the frame to export [s]; the nearest is taken."
+    "--at",
+    "time",
+    type=options.REAL_NUMBER,
+    help="Time of the frame to export, in the run's unit; the nearest is taken.",
 )
-@click.option("--from", "start", type=options.REAL_NUMBER, help="First time of a sequence [s].")
-@click.option("--to", "end", type=options.REAL_NUMBER, help="Last time of a sequence [s].")
+@click.option("--from", "start", type=options.REAL_NUMBER, help="First time of a sequence.")
+@click.option("--to", "end", type=options.REAL_NUMBER, help="Last time of a sequence.")
 @click.option(
     "--every",
     type=click.IntRange(min=1),
@@ -168,24 +172,30 @@ def _without_defaults(settings: dict[str, Any]) -> dict[str, Any]:
 def _frame_numbers(source: Trajectory, settings: dict[str, Any]) -> list[int]:
     """Indices of the selected frames."""
     times = source.times
+    lasts = (
+        f"the run lasts from {times.min():g} to {times.max():g} {_time_labels(source)['time_unit']}".rstrip()
+    )
     slack = 1e-9 * max(abs(float(times[-1])), 1e-300)
     if settings["time"] is not None:
         if not times.min() - slack <= settings["time"] <= times.max() + slack:  # of load factors that fall
-            raise ParameterError(
-                f"--at {settings['time']:g}: the run lasts from {times.min():g} to {times.max():g} s"
-            )
+            raise ParameterError(f"--at {settings['time']:g}: {lasts}")
         return [source.frame_at(settings["time"])]
     low = times.min() if settings["start"] is None else settings["start"]
     high = times.max() if settings["end"] is None else settings["end"]
     inside = [k for k in range(source.n_frames) if low - slack <= times[k] <= high + slack]
     if not inside:
-        span = f"{low:g} s on" if settings["end"] is None else f"{low:g} to {high:g} s"
-        raise ParameterError(f"no frame from {span}; the run lasts from {times.min():g} to {times.max():g} s")
+        span = f"{low:g} on" if settings["end"] is None else f"{low:g} to {high:g}"
+        raise ParameterError(f"no frame from {span}; {lasts}")
     return inside[:: settings["every"]]
 
 
+def _time_labels(source: Trajectory) -> dict[str, Any]:
+    """`time_name` and `time_unit` of a run."""
+    return {key: str(source.attributes.get(key, TIME_LABELS[key])) for key in TIME_LABELS}
+
+
 def _time_mismatch(source: Trajectory, frame_numbers: list[int], settings: dict[str, Any]) -> float:
-    """Difference between the time of the exported frame and --at [s]."""
+    """Difference between the time of the exported frame and --at, in the run's unit."""
     return 0.0 if settings["time"] is None else abs(float(source.times[frame_numbers[0]]) - settings["time"])
 
 
@@ -242,12 +252,13 @@ def _check_numbering(output: str, count: int) -> None:
     from ddgcli.plots.page import FORMATS
 
     path = Path(output)
-    numbers = FRAME_NUMBER.findall(output)
-    if "{" in output and (len(numbers) != 1 or path.suffix.lower() not in (*WRITERS, *FORMATS)):
+    braces = "{" in path.name or "}" in path.name
+    if braces and (_number_count(output) is None or path.suffix.lower() not in (*WRITERS, *FORMATS)):
         raise OutputError(
-            f"{output}: a numbered name needs one number and a format of one frame, such as f_{{:04d}}.ply"
+            f"{output}: a numbered name needs one number and a format of one frame, such as f_{{:04d}}.ply; "
+            "{{ and }} stand for braces"
         )
-    if count > 1 and not numbers and path.suffix.lower() not in (*FORMATS, *ANIMATIONS, ".pvd"):
+    if count > 1 and not _number_count(output) and path.suffix.lower() not in (*FORMATS, *ANIMATIONS, ".pvd"):
         name = f"{path.stem}_{{:04d}}{path.suffix}" if output != "-" else "f_{:04d}.ply"
         raise OutputError(
             f"{output}: the file holds one frame, and {count} are selected; number the files with -o {name}, "
@@ -255,9 +266,25 @@ def _check_numbering(output: str, count: int) -> None:
         )
 
 
+def _number_count(output: str) -> int | None:
+    """How many numbers the name of a file has, 0 or 1; None where its braces are no pattern of these."""
+    try:
+        fields = [parsed[1:] for parsed in Formatter().parse(Path(output).name) if parsed[1] is not None]
+    except ValueError:  # a brace alone
+        return None
+    plain = all(
+        name == "" and not conversion and NUMBER_FORMAT.fullmatch(form or "")
+        for name, form, conversion in fields
+    )
+    return len(fields) if plain and len(fields) < 2 else None
+
+
 def _numbered(output: str, number: int) -> str:
-    """File name of a frame."""
-    return output.format(number) if FRAME_NUMBER.search(output) else output
+    """File name of a frame; braces of its folders are their own."""
+    path = Path(output)
+    if not {"{", "}"} & set(path.name):
+        return output
+    return str(path.with_name(path.name.format(number)))
 
 
 def _annotated(source: Trajectory, k: int) -> AnnotatedMesh:
@@ -292,8 +319,9 @@ def _pictures(
         )  # fmt: skip
         for k in range(len(frame_numbers)):
             name = _numbered(output, k)
-            if name == output and settings["time"] is None:
-                name = str(target.with_name(f"{target.stem}_{k:04d}{target.suffix}"))
+            if not _number_count(output) and settings["time"] is None:
+                plain = Path(name)
+                name = str(plain.with_name(f"{plain.stem}_{k:04d}{plain.suffix}"))
             with run.drawing(name, progress=False) as partial:
                 shutil.move(next(pictures), partial)
             progress(k + 1, len(frame_numbers))
@@ -360,7 +388,6 @@ def _style(source: Trajectory, frame_numbers: list[int], settings: dict[str, Any
     from ddgcli.plots.motion import sequence_style
 
     name = _array_name(source, settings)
-    labels: dict[str, Any] = {key: str(source.attributes.get(key, TIME_LABELS[key])) for key in TIME_LABELS}
     signed = None if name is None else is_signed(name, source.vertex(frame_numbers[0])[name].ndim)
     return sequence_style(
         _plot_frames(source, frame_numbers, settings),
@@ -368,7 +395,7 @@ def _style(source: Trajectory, frame_numbers: list[int], settings: dict[str, Any
         settings["view"],
         signed=signed,
         value_size=value_scale(name or ""),
-        **labels,
+        **_time_labels(source),
     )
 
 
@@ -376,12 +403,16 @@ def _draw_plot(target: str, source: Trajectory, frame_numbers: list[int], settin
     from ddgcli.cli.simulation.plot import energy_series
     from ddgcli.plots.motion import draw_motion
 
-    series = energy_series(source.times, source.scalars)
+    series, label = energy_series(source.times, source.scalars), "energy"
+    objective = str(source.attributes.get("objective"))
+    if objective in source.scalars:
+        series = {objective: (source.times, source.scalars[objective])}
+        label = f"{objective.replace('_', ' ')}, which the flow lowers"
     draw_motion(
         target,
         list(_plot_frames(source, frame_numbers, settings)),
         series,
         _style(source, frame_numbers, settings),
-        "energy",
+        label,
         **options.page_size(settings["size"], 9.0),
     )

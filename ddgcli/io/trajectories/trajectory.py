@@ -43,6 +43,9 @@ class Trajectory:
     """
 
     def __init__(self, path: str) -> None:
+        if Path(path).exists() and not Path(path).is_file():
+            kind = "a folder" if Path(path).is_dir() else "not a regular file"
+            raise MeshFileError(f"{path}: is {kind}; name a .vtkhdf of a simulator")
         if not Path(path).is_file():
             complete = path.removesuffix(".part")
             is_complete = complete != path and Path(complete).is_file()
