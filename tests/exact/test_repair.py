@@ -232,6 +232,20 @@ def test_the_hole_of_a_face_without_area_is_closed_by_faces_with_area(disturbed,
     )
 
 
+def test_a_fin_of_one_triangle_is_not_filled_by_its_own_reverse():
+    """Fans are split before holes are filled: the fin is a component of one face then."""
+    ball = shapes.icosphere(1)
+    a, b, _ = ball.faces[5]
+    points = np.concatenate([ball.points, [2.0 * ball.points[a]]])
+    mesh = TriangleMesh.from_arrays(points, [*ball.faces[1:], [a, b, ball.n_vertices]])
+    options = RepairSteps(split_fans=True, orient=True, fill_holes=3, drop_duplicates=True)
+    once, changes = repair_mesh(mesh, options)
+    lone = once.mesh.topology.edge_face_count[once.mesh.topology.side_edge] == 1
+    assert changes["fill_holes"] == 1 and lone.all(axis=1).sum() == 1
+    again, changes = repair_mesh(once.mesh, options)
+    assert not any(changes.values()) and np.array_equal(again.mesh.faces, once.mesh.faces)
+
+
 def test_a_loop_with_straight_parts_is_filled_by_triangles_with_area():
     """A rim of a square has collinear vertices; every sum of triangles with area has the square's own."""
     bowl = shapes.grid(6, 6)

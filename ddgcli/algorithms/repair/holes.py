@@ -26,7 +26,8 @@ SHAPE_WEIGHT = 1e-6  # of the squared sides beside twice the area: decides where
 def fill_holes(repaired: RepairedMesh, most_edges: int) -> RepairedMesh:
     """Fill every boundary loop of at most `most_edges` edges.
 
-    A loop that cannot be closed without an edge that exists already stays open. Of a triangle without area
+    A loop that cannot be closed without an edge or a face that exists already stays open: that of a single
+    face would be filled by the same face. Of a triangle without area
     the longest edge is flipped, so that both new faces have one, or a vertex of three faces left out.
 
     Parameters
@@ -44,8 +45,10 @@ def fill_holes(repaired: RepairedMesh, most_edges: int) -> RepairedMesh:
     both_on_boundary = mesh.topology.boundary_vertex[mesh.topology.edges].all(axis=1)
     edges = mesh.topology.edges[both_on_boundary]
     added, filled = [mesh.faces], 0
+    alone = (mesh.topology.edge_face_count == 1)[mesh.topology.side_edge].all(axis=1)
+    single = {tuple(sorted(face)) for face in mesh.faces[alone].tolist()}
     for loop in boundary_vertex_loops(mesh.topology):
-        if len(loop) <= most_edges:
+        if len(loop) <= most_edges and tuple(sorted(loop.tolist())) not in single:
             triangles = least_area_triangles(mesh.points, loop[::-1], edges)
             filled += triangles is not None
             added += [triangles] if triangles is not None else []
