@@ -12,6 +12,7 @@ from benchmarks.common.submesh import submesh
 from ddgcli import write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.models.willmore import descent, endings, flow
+from ddgcli.models.willmore.flow import Flow
 from ddgcli.models.willmore.setup import FlowOptions
 from ddgcli.operators.laplacian import lumped_vertex_area
 from tests.conftest import ROOT
@@ -249,3 +250,19 @@ def test_a_torus_that_has_become_a_circle_does_not_end_the_flow_of_a_sphere(tmp_
     assert out["results"]["times"][-1] == pytest.approx(0.02, rel=1e-12)
     assert any("1 component became singular" in w for w in out["warnings"])
     assert out["results"]["area"] == pytest.approx(4 * np.pi * (1 - 4 * 0.02), rel=0.03)
+
+
+def test_steps_by_the_larger_constant_are_counted(monkeypatch):
+    """They replace steps that would raise the energy; their error hides the second order of a sequence."""
+    constants, after = [], Flow._after
+
+    def recorded(self, at, dt, gamma):
+        constants.append(gamma)
+        return after(self, at, dt, gamma)
+
+    monkeypatch.setattr(Flow, "_after", recorded)
+    for steps, expected in ((4, 1), (2, 0)):
+        constants.clear()
+        duration = 0.1 if expected else 0.02
+        last = run_flow(ellipsoid(3), FlowOptions(timed=True), step=duration / steps, steps=steps)[0][-1]
+        assert last.scalar["large_constant_steps"] == expected == sum(gamma > 1.0 for gamma in constants)

@@ -175,19 +175,21 @@ class Flow(FlowTerms):
         return self._polished(replace(state, ending=None), at) or state
 
     def _timed_step(self, state: FlowState, at: EnergyGradient, dt: float) -> FlowState:
-        for moved in self._attempts(at, dt / self.time_unit):
+        for gamma, moved in self._attempts(at, dt / self.time_unit):
             energy = self.energy_of(moved)
             if self._below_lower_bound(energy):
                 return replace(state, ending=endings.LOWER_BOUND)
             if energy <= at.energy:
+                large = gamma == max(ROSENBROCK_GAMMAS)
+                state = replace(state, large_constant_steps=state.large_constant_steps + large)
                 return self._accepted(state, at, moved, energy, dt)
         predicted = float(np.sum(at.gradient * (at.mesh.points - moved.points)[self.free]))
         if abs(predicted) <= rules.PREDICTED_FALL_TOLERANCE * rounding_scale(at.energy):
             return replace(state, time=state.time + dt, steps=state.steps + 1)
         raise StepRejected("energy rises", value=energy - at.energy)
 
-    def _attempts(self, at: EnergyGradient, dt: float) -> Iterator[TriangleMesh]:
-        """The surface after dt, by what is tried in turn; StepRejected where none keeps the constraints."""
+    def _attempts(self, at: EnergyGradient, dt: float) -> Iterator[tuple[float | None, TriangleMesh]]:
+        """The surface after dt by each constant in turn; StepRejected where none keeps the constraints."""
         failure = None
         for gamma in (None,) if self.scheme == "semi-implicit" else ROSENBROCK_GAMMAS:
             try:
@@ -195,7 +197,7 @@ class Flow(FlowTerms):
             except SolveError as error:
                 failure = error
                 continue
-            yield moved
+            yield gamma, moved
         if failure is not None:
             raise StepRejected(str(failure)) from failure
 

@@ -125,6 +125,7 @@ def counters(state: FlowState, energy_unit: float) -> dict[str, Any]:
         "area_increases": float(state.area_increases),
         "redistributions": float(state.redistributions),
         "flips": float(state.flips),
+        "large_constant_steps": float(state.large_constant_steps),
         "self_intersections": float(state.self_intersections),
     }
     if len(state.ends.time):

@@ -88,6 +88,7 @@ def summary(
     }
     if times is not None:
         results["times"] = times.tolist()
+        results["large_constant_steps"] = int(last["large_constant_steps"])
     if "end_time_by_component" in series:
         results["collapse_times"] = _collapse_times(series, ending)
     if "mean_curvature_spread" in last:

@@ -104,6 +104,8 @@ class FlowState:
         Where the second energy was lowest.
     redistributions, flips : int
         Steps so far after which vertices slid along the surface, and edges flipped.
+    large_constant_steps : int
+        Steps so far, in time, by the larger constant of the Rosenbrock method.
     motion : (n, 3) ndarray, optional
         Of the last step of the descent, for momentum.
     pairs : SecantPairs
@@ -128,6 +130,7 @@ class FlowState:
     energy_then: float = math.inf
     redistributions: int = 0
     flips: int = 0
+    large_constant_steps: int = 0
     motion: NDArray[np.float64] | None = None
     remeshing: Remeshing = field(default_factory=lambda: Remeshing())
     pairs: SecantPairs = SecantPairs()
@@ -140,7 +143,7 @@ class FlowState:
             self.energy, self.time, self.dt, self.steps, self.increases, self.area_increases,
             self.lowest_second, self.energy_then, self.redistributions, self.flips,
             self.remeshing.count, self.remeshing.change, self.remeshing.step, self.remeshing.energy,
-            self.self_intersections,
+            self.self_intersections, self.large_constant_steps,
         ]  # fmt: skip
         arrays: dict[str, NDArray] = {"points": self.points, "numbers": np.array(numbers, dtype=np.float64)}
         if descent:
@@ -166,7 +169,8 @@ class FlowState:
             arrays["points"], topology, energy, time, dt, int(steps), int(rises), int(area_rises),
             lowest_second=lowest, energy_then=then, redistributions=int(slides), flips=int(flips),
             motion=arrays.get("motion"), remeshing=remeshing, pairs=SecantPairs.of_arrays(arrays, free),
-            self_intersections=int(last[4]), ends=ComponentEnds.of_arrays(arrays),
+            self_intersections=int(last[4]), large_constant_steps=int(last[5]),
+            ends=ComponentEnds.of_arrays(arrays),
         )  # fmt: skip
 
 
