@@ -166,9 +166,10 @@ def geodesic_fan(
     Returns
     -------
     Measurement
-        `mesh` (CurveSet) and `polylines`: rays, circles (polygons through the points of equal length),
-        caustics (through the first points at which neighbouring rays cross). `vertex` holds `level`
-        (length from the source) and `caustic` (1 beyond the caustic); `results["paths"]` one entry per curve.
+        `mesh` (CurveSet) and `polylines`: rays, circles (polygons through the points of equal length on
+        neighbouring rays; several arcs where rays have ended), caustics (through the first points at which
+        neighbouring rays cross). `vertex` holds `level` (length from the source) and `caustic` (1 beyond the
+        caustic); `results["paths"]` one entry per curve.
 
     Raises
     ------

@@ -195,6 +195,35 @@ def test_rays_that_leave_through_the_boundary_open_the_circles():
     assert summary["circles"][0]["length"] == pytest.approx(20 / 21 * 0.5 * np.pi * 0.3, rel=1e-3)
 
 
+@pytest.mark.parametrize("hole", [False, True])
+def test_circles_end_where_rays_have_ended_and_no_chord_crosses_a_hole(hole):
+    """In a square with a hole rays end at both boundaries: two arcs. In the plane all chords are equal."""
+    mesh = shapes.grid(24, 24)
+    place = mesh.points[:, :2] - 0.5
+    if hole:
+        mesh = TriangleMesh.from_arrays(
+            mesh.points, mesh.faces[(np.abs(place[mesh.faces].mean(axis=1)) > 0.125).any(axis=1)]
+        )
+    source = int(np.argmin(np.linalg.norm(place - [0.25, 0.0], axis=1)))
+    fan = geodesic_fan(mesh, Sources(np.array([source])), 36, 0.44, 4)
+    chord = 2 * np.sin(np.pi / 36)
+    arcs = [entry for entry in fan.entries if entry["kind"] == "geodesic circle"]
+    for number, arc in enumerate(arcs):
+        points, _ = circle_points(mesh, fan, number)
+        ring = np.append(points, points[:1], axis=0) if arc["closed"] else points
+        sides = np.linalg.norm(np.diff(ring, axis=0), axis=1)
+        assert sides == pytest.approx(np.full(len(sides), chord * arc["level"]), rel=1e-9)
+        assert arc["length"] == pytest.approx(float(sides.sum()), rel=1e-12)
+    ends = [entry["length"] for entry in fan.entries if entry["kind"] == "fan ray"]
+    for circle in describe_fan(fan)["circles"]:
+        present = np.array(ends) >= circle["level"] * (1 - 1e-12)
+        sides_of_circle = int((present & np.roll(present, 1)).sum())
+        assert circle["length"] == pytest.approx(sides_of_circle * chord * circle["level"], rel=1e-9)
+        assert circle["closed"] == bool(present.all())
+        assert circle["arcs"] == (1 if present.all() else int((present & ~np.roll(present, 1)).sum()))
+    assert max(circle["arcs"] for circle in describe_fan(fan)["circles"]) == (2 if hole else 1)
+
+
 def test_caustics_of_a_sphere_contract_to_the_antipode():
     spread, level = [], []
     for subdivision in (3, 4, 5):

@@ -18,7 +18,6 @@ from ddgcli.errors import ParameterError, renamed_parameters
 from ddgcli.geometry.component_sides import component_mean_side
 from ddgcli.geometry.extrinsic import face_normal
 from ddgcli.geometry.face_frames import relative_position, surface_position
-from ddgcli.mesh.ragged import list_starts
 from ddgcli.mesh.require import check_size
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import row_cross, row_dot, vector_length
@@ -153,10 +152,11 @@ def geodesic_fan(
     -------
     Curves
         First the rays ("fan ray"), counter-clockwise; then the circles ("geodesic circle"): polygons
-        through the points of equal length on all rays, open where rays have ended; then the caustics
-        ("caustic"): polylines through the first points at which neighbouring rays cross. The array
-        `caustic` is 1 on points of rays and circles beyond the caustic, where the wavefront runs
-        backwards, and on caustics; 0 elsewhere; the array `level` is the length from the source.
+        through the points of equal length on neighbouring rays, one path for each arc between rays that
+        have ended; then the caustics ("caustic"): polylines through the first points at which
+        neighbouring rays cross. The array `caustic` is 1 on points of rays and circles beyond the caustic,
+        where the wavefront runs backwards, and on caustics; 0 elsewhere; the array `level` is the length
+        from the source.
 
     Raises
     ------
@@ -177,7 +177,7 @@ def geodesic_fan(
     curve_sets = [
         _ray_curves(swept, lines, angle, caustic),
         *(_circle(swept, length * (k + 1) / circles, caustic, is_open) for k in range(circles)),
-        *_caustics(swept, caustic, is_open),
+        _caustics(swept, caustic, is_open),
     ]
     return concatenate_curves(curve_sets)
 
@@ -221,54 +221,60 @@ def _caustic_lengths(swept: _Rays, length: float, is_open: bool) -> NDArray[np.f
     return order
 
 
-def _circle(swept: _Rays, level: float, caustic: NDArray, is_open: bool) -> Curves:
-    """Polygon through the points of all rays at one length."""
-    ray = np.flatnonzero(swept.total >= level * (1 - 1e-12))
-    closed = len(ray) == len(swept.paths) and not is_open
-    if not len(ray):
-        empty = SurfacePaths.of_points(swept.mesh, [])
-        return Curves(empty, [])
-    face, weights, _ = swept.at(ray, np.full(len(ray), level))
-    position = surface_position(swept.mesh, face, weights)
-    step = vector_length(np.roll(position, -1, axis=0) - position)
-    paths = SurfacePaths(face, weights, np.array([0, len(ray)]), np.array([closed]))
-    entry: dict[str, Any] = {
-        "kind": "geodesic circle", "level": float(level), "closed": closed, "points": len(ray),
-        "length": float(step.sum() if closed else step[:-1].sum()),
-        "behind_caustic": int((caustic[ray] <= level).sum()),
-    }  # fmt: skip
-    behind = (caustic[ray] <= level).astype(np.float64)
-    return Curves(paths, [entry], arrays={"level": np.full(len(ray), level), "caustic": behind})
+def _runs(present: NDArray, is_open: bool) -> tuple[NDArray[np.int64], NDArray[np.int64], bool]:
+    """Split the present rays into runs of neighbours.
 
-
-def _caustics(swept: _Rays, caustic: NDArray, is_open: bool) -> list[Curves]:
-    """Polylines through the caustic points of successive rays."""
-    has = np.isfinite(caustic)
-    if not has.any():
-        return []
-    k = len(caustic)
-    closed = bool(has.all()) and not is_open
-    first = 0 if closed or is_open else int(np.argmin(has))
+    Returns the rays run by run, the place in them where each run starts, and whether the only run is closed.
+    """
+    k = len(present)
+    closed = bool(present.all()) and not is_open
+    first = 0 if closed or is_open else int(np.argmin(present))  # no run is cut at ray 0
     order = (np.arange(k) + first) % k
-    ray = order[has[order]]
-    starts = np.flatnonzero(np.append(True, np.diff(np.flatnonzero(has[order])) > 1))
-    face, weights, _ = swept.at(ray, caustic[ray])
+    place = np.flatnonzero(present[order])
+    return order[place], np.flatnonzero(np.diff(place, prepend=-2) > 1), closed
+
+
+def _polylines(
+    swept: _Rays, ray: NDArray, starts: NDArray, closed: bool, level: NDArray
+) -> tuple[SurfacePaths, NDArray[np.float64]]:
+    """Paths through the points at lengths along rays, one for each run, and the sums of their chords."""
+    face, weights, _ = swept.at(ray, level)
     position = surface_position(swept.mesh, face, weights)
-    sizes = np.diff(np.append(starts, len(ray)))
-    paths = SurfacePaths(face, weights, list_starts(sizes), np.full(len(sizes), closed))
-    entries: list[dict[str, Any]] = []
-    for a, size in zip(starts, sizes, strict=True):
-        caustic_points, level = position[a : a + size], caustic[ray[a : a + size]]
-        step = vector_length(
-            np.diff(
-                np.concatenate([caustic_points, caustic_points[:1]]) if closed else caustic_points, axis=0
-            )
-        )
-        entries.append({
-            "kind": "caustic", "closed": closed, "points": int(size), "length": float(step.sum()),
-            "least_level": float(level.min()), "largest_level": float(level.max()),
-        })  # fmt: skip
-    return [Curves(paths, entries, arrays={"level": caustic[ray], "caustic": np.ones(len(ray))})]
+    ends = np.append(starts, len(ray))
+    step = vector_length(np.roll(position, -1, axis=0) - position)
+    if not closed:
+        step[ends[1:] - 1] = 0.0
+    paths = SurfacePaths(face, weights, ends, np.full(len(starts), closed))
+    return paths, np.add.reduceat(step, starts)
+
+
+def _circle(swept: _Rays, level: float, caustic: NDArray, is_open: bool) -> Curves:
+    """Polygons through the points of neighbouring rays at one length: the arcs of a circle."""
+    ray, starts, closed = _runs(swept.total >= level * (1 - 1e-12), is_open)
+    levels = np.full(len(ray), level)
+    paths, length = _polylines(swept, ray, starts, closed, levels)
+    behind = (caustic[ray] <= level).astype(np.float64)
+    sizes, n_behind = np.diff(paths.start), np.add.reduceat(behind, starts)
+    entries: list[dict[str, Any]] = [
+        {"kind": "geodesic circle", "level": float(level), "closed": closed, "points": int(size),
+         "length": float(arc), "behind_caustic": int(number)}
+        for size, arc, number in zip(sizes, length, n_behind, strict=True)
+    ]  # fmt: skip
+    return Curves(paths, entries, arrays={"level": levels, "caustic": behind})
+
+
+def _caustics(swept: _Rays, caustic: NDArray, is_open: bool) -> Curves:
+    """Polylines through the caustic points of successive rays."""
+    ray, starts, closed = _runs(np.isfinite(caustic), is_open)
+    level = caustic[ray]
+    paths, length = _polylines(swept, ray, starts, closed, level)
+    least, largest = np.minimum.reduceat(level, starts), np.maximum.reduceat(level, starts)
+    entries: list[dict[str, Any]] = [
+        {"kind": "caustic", "closed": closed, "points": int(size), "length": float(arc),
+         "least_level": float(low), "largest_level": float(high)}
+        for size, arc, low, high in zip(np.diff(paths.start), length, least, largest, strict=True)
+    ]  # fmt: skip
+    return Curves(paths, entries, arrays={"level": level, "caustic": np.ones(len(ray))})
 
 
 def describe_fan(fan: Curves) -> dict[str, Any]:
@@ -290,10 +296,20 @@ def describe_fan(fan: Curves) -> dict[str, Any]:
         "stopped_at_boundary": sum(entry["status"] == STATUS_TEXT[BOUNDARY_STATUS] for entry in rays),
         "rays_with_caustic": len(lengths),
         "least_caustic_length": min(lengths, default=None),
-        "circles": [
-            {name: entry[name] for name in ("level", "length", "closed", "behind_caustic")}
-            for entry in fan.entries
-            if entry["kind"] == "geodesic circle"
-        ],
+        "circles": _circle_totals([entry for entry in fan.entries if entry["kind"] == "geodesic circle"]),
         "caustics": [entry for entry in fan.entries if entry["kind"] == "caustic"],
     }
+
+
+def _circle_totals(arcs: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Entries of the circles, with the sums over the arcs of each."""
+    totals: dict[float, dict[str, Any]] = {}
+    for arc in arcs:
+        circle = totals.setdefault(
+            arc["level"],
+            {"level": arc["level"], "length": 0.0, "closed": arc["closed"], "arcs": 0, "behind_caustic": 0},
+        )
+        circle["length"] += arc["length"]
+        circle["arcs"] += 1
+        circle["behind_caustic"] += arc["behind_caustic"]
+    return list(totals.values())
