@@ -52,8 +52,9 @@ SHORT_FIELDS: dict[str, dict[str, str]] = {
         "results": "method max_distance mean_distance unreachable sources paths.kind paths.source "
         "paths.target paths.length log_map_axis targets.position targets.distance regions vertex_types "
         "fan.rays fan.stopped_at_boundary fan.rays_with_caustic fan.least_caustic_length",
-        "accuracy": "error_estimate certificate_excess gradient_deviation.median gradient_deviation.max "
-        "compare path_length_residual log_map_miss log_map_skew symmetry_residual triangle_residual",
+        "accuracy": "error_estimate tolerance_error_estimate certificate_excess gradient_deviation.median "
+        "gradient_deviation.max compare path_length_residual field_error_estimate log_map_miss log_map_skew "
+        "symmetry_residual triangle_residual",
     },
     "shell-sim": {
         "results": "frames time steps frame_limited_steps rejected_steps newton_iterations energies.total "

@@ -154,6 +154,7 @@ def test_the_short_summary_is_short_and_the_full_one_has_every_field(outputs, ca
         ("geodesic s.ply --source 0 --target-point 0,0,1", ["targets", "distance"]),
         ("geodesic s.ply --source 0 --fan 5 --fan-length 0.5", ["fan", "rays_with_caustic"]),
         ("geodesic s.ply --source 0 --source 7 --voronoi --vertex-types", ["regions", "vertex_types"]),
+        ("geodesic s.ply --source 0 --tolerance 0.1", ["tolerance_error_estimate"]),
         ("geodesic s.ply --source 0 --certify", ["symmetry_residual", "triangle_residual"]),
         ("curvature s.ply --offset 0.1", ["offset", "volume", "offset_volume_error"]),
         ("curvature s.ply --region 0,0,1:0.9", ["regions", "phi_h"]),

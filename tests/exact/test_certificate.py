@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 
 from ddgcli.algorithms.geodesics import certificate as module
-from ddgcli.algorithms.geodesics.distance import measure_distance
+from ddgcli.algorithms.geodesics.convergence import has_converged
+from ddgcli.algorithms.geodesics.distance import DistanceOptions, measure_distance
 from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
 from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from tests.geodesic_cases import cone
+from tests.geodesic_cases import cone, jittered
 
 
 def distances():
@@ -59,6 +60,39 @@ def test_the_stated_error_of_heat_is_no_less_than_the_proven_violation(method_so
     mesh = shapes.grid(6, 6)
     accuracy = measure_distance(mesh, Sources.at([method_source]), "heat").accuracy
     assert accuracy["error_estimate"] >= accuracy["certificate_excess"] > 0
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_heat_on_needles_from_many_sources_states_its_error_and_has_not_converged(seed, caplog):
+    """The error was divided by the far too long distance itself, and edges of needles bound nothing."""
+    mesh = jittered(shapes.grid(10, 100, pattern="alternating"), np.array([0.015, 0.0015, 0.0]), 3)
+    mesh = mesh.moved(mesh.points * [100.0, 1.0, 0.0])
+    rng = np.random.default_rng(seed)
+    sources = Sources.at(rng.choice(mesh.n_vertices, 100, replace=False))
+    exact, heat = (measure_distance(mesh, sources, method) for method in ("exact", "heat"))
+    error = np.abs(heat.distance - exact.distance).max() / exact.distance.max()
+    assert error > 1 and 0.5 * error < heat.accuracy["error_estimate"] < 2 * error
+    assert exact.converged and not heat.converged
+    assert "method=exact" in caplog.text
+
+
+@pytest.mark.parametrize("name", ["error_estimate", "tolerance_error_estimate"])
+def test_large_estimates_warn_and_no_distance_with_an_error_above_its_size_has_converged(name, caplog):
+    for estimate, is_large, converged in ((0.05, False, True), (0.2, True, True), (1.2, True, False)):
+        caplog.clear()
+        assert has_converged(shapes.grid(2, 2), "exact", {name: estimate}) == converged
+        assert (f"{name} is" in caplog.text) == is_large
+
+
+def test_the_stated_error_of_a_tolerance_is_at_most_the_excess_over_straight_lines():
+    """Twice the error of near vertices, relative to their radius, was 10 times the error on long cells."""
+    mesh = jittered(shapes.grid(80, 80, pattern="alternating"), 0.004, 1)
+    mesh = mesh.moved(mesh.points * [10.0, 1.0, 1.0])
+    truth = np.linalg.norm(mesh.points - mesh.points[3280], axis=1)
+    loose = measure_distance(mesh, Sources.at([3280]), options=DistanceOptions(tolerance=1.0))
+    error = (loose.distance - truth).max() / truth.max()
+    assert error > 0.02
+    assert loose.accuracy["tolerance_error_estimate"] == pytest.approx(error, rel=1e-9)
 
 
 def test_the_exact_distance_of_a_cone_has_no_gradient_error_though_its_gradients_are_longer_than_1():

@@ -437,7 +437,7 @@ def test_warnings_name_the_repair_as_a_call_of_the_library(caplog):
 def test_a_distance_that_the_command_line_refuses_has_not_converged(measure, monkeypatch):
     """`converged` was True where `ddgcli geodesic` ends with exit 1."""
     assert measure(SQUARE).converged
-    monkeypatch.setattr("ddgcli.algorithms.geodesics.distance.MAX_EXCESS", -1.0)
+    monkeypatch.setattr("ddgcli.algorithms.geodesics.convergence.MAX_EXCESS", -1.0)
     assert not measure(SQUARE).converged
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,13 +15,21 @@ from ddgcli.mesh.ragged import unique_keys
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import vector_length
 
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
 ROUNDING_TOLERANCE = 1e-9  # relative to the largest distance; smaller excesses are not violations
 MAX_BRUTE_FORCE_STARTS = 16
 SYMMETRY_SAMPLES = 4  # vertices of `symmetry`; each costs one distance computation
 
 
 def certificate(
-    mesh: SurfaceMesh, sources: Sources, distance: NDArray, *, estimate: float | None = None
+    mesh: SurfaceMesh,
+    sources: Sources,
+    distance: NDArray,
+    *,
+    estimate: float | None = None,
+    graph: csr_array | None = None,
 ) -> dict[str, Any]:
     """Violations of the bounds of every true distance, and the deviation of its gradient from length 1.
 
@@ -33,6 +41,9 @@ def certificate(
         Inf where unreached.
     estimate : float, optional
         Estimate of the largest error relative to the largest distance on a component, not proven.
+    graph : csr_array, optional
+        Edges that bound the distance from above, as of `edge_distance`. By default those of the mesh; where
+        its triangles are needles, paths along those of an intrinsic Delaunay triangulation are far shorter.
 
     Returns
     -------
@@ -59,13 +70,14 @@ def certificate(
         or worst > slack
         or not _below_edge_distance(mesh, sources, distance, step, slack)
     ):
-        bound = edge_distance(mesh, sources).distance
+        bound = edge_distance(mesh, sources, graph=graph).distance
         over = distance[finite] - bound[finite]
         worst, n_far = max(worst, float(over.max(initial=0.0))), int((over > slack).sum())
         reach = float(bound[np.isfinite(bound)].max(initial=0.0))
         relative = worst / reach if worst > slack and reach > 0 else 0.0
         if estimate is not None:
-            estimate = max(relative, min(estimate, _largest_possible_error(mesh, distance, under, over)))
+            proven, possible = _error_bounds(mesh, distance, bound, under, slack)
+            estimate = max(proven, min(estimate, possible))
     stated = {} if estimate is None else {"error_estimate": estimate}
     return stated | {
         "violations_straight_line": None if under is None else int((under > slack).sum()),
@@ -106,22 +118,57 @@ def _below_straight_line(mesh: SurfaceMesh, sources: Sources, distance: NDArray)
     return np.asarray(straight - half_edge - distance[finite])
 
 
-def _largest_possible_error(
-    mesh: SurfaceMesh, distance: NDArray, under: NDArray | None, over: NDArray
-) -> float:
-    """Largest error that bounds from below and above leave, relative to the largest distance on a component.
+def _error_bounds(
+    mesh: SurfaceMesh, distance: NDArray, bound: NDArray, under: NDArray | None, slack: float
+) -> tuple[float, float]:
+    """Least and largest error that bounds from below and above allow, relative to the largest distance.
 
-    `under` and `over` are the amounts by which the finite distances violate the two; without a bound from
-    below it is 0.
+    Both are those of the worst component. `under` is the amount by which finite distances violate the bound
+    from below; without one it is 0. The largest distance on a component is at most the largest bound from
+    above, however far too long the distances are.
     """
     finite = np.flatnonzero(np.isfinite(distance))
-    value = distance[finite]
-    error = np.maximum(value if under is None else -under, -over)
-    component = mesh.topology.vertex_component[finite]
-    largest = np.zeros(mesh.topology.n_components + 1)  # the last one: of vertices without a face, number -1
-    np.maximum.at(largest, component, value)
+    value, bound = distance[finite], bound[finite]
+    below = -value if under is None else under
+    violation = np.maximum(below, value - bound)
+    return (
+        _worst_component(mesh, finite, np.where(violation > slack, violation, 0.0), bound),
+        _worst_component(mesh, finite, np.maximum(-below, bound - value), value, bound),
+    )
+
+
+def _worst_component(mesh: SurfaceMesh, vertex: NDArray, error: NDArray, *lengths: NDArray) -> float:
+    """Largest error at vertices relative to the largest length on their component, the least of several."""
+    component = mesh.topology.vertex_component[vertex]
+    largest = np.full(mesh.topology.n_components + 1, np.inf)  # the last one: of vertices without a face
+    for values in lengths:
+        of_component = np.zeros(len(largest))
+        np.maximum.at(of_component, component, values)
+        largest = np.minimum(largest, of_component)
     reach = largest[component]
     return float(np.max(error[reach > 0] / reach[reach > 0], initial=0.0))
+
+
+def excess_over_straight_lines(mesh: SurfaceMesh, sources: Sources, distance: NDArray) -> float:
+    """Largest error of lengths of paths that straight lines in space leave, relative to their largest length.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+    sources : Sources
+    distance : (n,) ndarray of float64
+        Not below the true distance; inf where unreached.
+
+    Returns
+    -------
+    float
+        Of the worst component; inf without positions.
+    """
+    under = _below_straight_line(mesh, sources, distance)
+    if under is None:
+        return np.inf
+    finite = np.flatnonzero(np.isfinite(distance))
+    return _worst_component(mesh, finite, -under, distance[finite] + under)
 
 
 def _nearest(points: NDArray, starts: NDArray) -> NDArray[np.float64]:

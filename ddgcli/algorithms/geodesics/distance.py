@@ -5,32 +5,30 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.geodesics.edge_distance import downhill_source
+from ddgcli.algorithms.geodesics.edge_distance import downhill_source, edge_graph
 from ddgcli.algorithms.geodesics.sources import Sources, VertexDistances, check_sources
 from ddgcli.choices import DEFAULT_HEAT_TIME, DISTANCE_METHODS, HEAT_OPERATORS
 from ddgcli.errors import MeshError, ParameterError, counted, renamed_parameters
-from ddgcli.geometry.remedies import remedy_for_bad_shapes, weld_advice
+from ddgcli.geometry.remedies import weld_advice
 from ddgcli.geometry.surface_points import SurfacePoints, face_centroids
-from ddgcli.linalg.residual_gate import WARNING_RESIDUAL, within_residuals
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.mollify import all_flat, check_mollifiable
 
 if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
     from ddgcli.algorithms.geodesics.exact.exact_distance import ExactDistance
     from ddgcli.algorithms.geodesics.fast_marching import FastMarchingDistance
 
 log = logging.getLogger("ddgcli")
 
-# violation of the certificate relative to the largest edge distance
-WARNING_EXCESS, MAX_EXCESS = 0.05, 0.5
-WARNING_ESTIMATE = 0.1  # of heat, relative to the largest distance; the error is 0.6 of it in the median
 MAX_HEAT_RESIDUAL = 1e-3  # above it, the heat's gradient has no usable direction
 
 
@@ -73,11 +71,13 @@ class DistanceResult(VertexDistances):
     fast_marching : FastMarchingDistance, optional
         Result of fast marching, with its stencils.
     converged : bool
-        False if the certificate or a residual exceeds its bound.
+        False if the certificate, an estimate of the error or a residual exceeds its bound.
     region : (m,) ndarray of int64, optional
         Source nearest to the centroid of each face, -1 where none reaches.
     estimate : callable, optional
         Computes the estimate of the largest error, which the certificate limits; only stated errors need it.
+    edge_graph : callable, optional
+        Computes the edges that bound the distance from above; default: those of the mesh.
     """
 
     results: dict[str, Any] = field(default_factory=dict)
@@ -87,6 +87,7 @@ class DistanceResult(VertexDistances):
     converged: bool = True
     region: NDArray[np.int64] | None = None
     estimate: Callable[[], float] | None = None
+    edge_graph: Callable[[], csr_array] | None = None
 
     @property
     def arrays(self) -> dict[str, NDArray]:
@@ -167,6 +168,7 @@ def _exact(
     *,
     regions: bool,
 ) -> Solver:
+    from ddgcli.algorithms.geodesics.certificate import excess_over_straight_lines
     from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
     from ddgcli.algorithms.geodesics.exact.tables import window_tables
 
@@ -180,7 +182,10 @@ def _exact(
         )  # fmt: skip
         accuracy: dict[str, Any] = {}
         if options.tolerance > 0:
-            accuracy["tolerance_error_estimate"] = exact.tolerance_error
+            estimate = exact.tolerance_error
+            if estimate > 0:
+                estimate = min(estimate, excess_over_straight_lines(mesh, sources, exact.distance))
+            accuracy["tolerance_error_estimate"] = estimate
         results: dict[str, Any] = {"windows": exact.windows}
         if n_targets:
             results["targets"] = describe_targets(mesh, targets, exact)
@@ -208,6 +213,7 @@ def _heat(mesh: SurfaceMesh, options: DistanceOptions) -> Solver:
     operator, base = _heat_mesh(mesh, options.operator)
     with renamed_parameters(time_factor="heat_time", refine="heat_refine"):
         solver = HeatSolver(base, time_factor=options.heat_time, refine=options.heat_refine, source_mesh=mesh)
+    edges = cache(partial(edge_graph, base))
 
     def solve(sources: Sources, *, circular: bool = True) -> DistanceResult:
         heat = solver.distance(sources)
@@ -236,7 +242,7 @@ def _heat(mesh: SurfaceMesh, options: DistanceOptions) -> Solver:
             log.warning(f"the heat has no gradient on {faces}; the distance is interpolated there")
         estimate = partial(gradient_error, base, heat.extended, circular=circular)
         nearest = downhill_source(mesh, heat.distance, sources)
-        return DistanceResult(heat.distance, nearest, results, accuracy, estimate=estimate)
+        return DistanceResult(heat.distance, nearest, results, accuracy, estimate=estimate, edge_graph=edges)
 
     return _from_curve_vertices(mesh, solve, partial(solve, circular=False))
 
@@ -314,7 +320,7 @@ def _fast_marching(mesh: SurfaceMesh, options: DistanceOptions) -> Solver:
 
 
 def _dijkstra(mesh: SurfaceMesh, options: DistanceOptions) -> Solver:
-    from ddgcli.algorithms.geodesics.edge_distance import edge_distance, edge_graph
+    from ddgcli.algorithms.geodesics.edge_distance import edge_distance
 
     graph = edge_graph(mesh)
 
@@ -356,6 +362,7 @@ def measure_distance(
         On an unknown method or a bad source.
     """
     from ddgcli.algorithms.geodesics.certificate import certificate
+    from ddgcli.algorithms.geodesics.convergence import has_converged
 
     sources = check_sources(mesh, sources)
     solver = solver or prepare_solver(mesh, method, options)
@@ -368,30 +375,14 @@ def measure_distance(
         "unreachable": report_unreachable(mesh, result.distance),
         "sources": sources.describe(mesh),
     }
-    estimate = None if result.estimate is None else result.estimate()
-    accuracy = result.accuracy | certificate(mesh, sources, result.distance, estimate=estimate)
-    converged = within_residuals(
-        accuracy,
-        ("certificate_excess",),
-        "bounds that every true distance satisfies are violated; use `method=exact`"
-        if method != "exact"
-        else partial(remedy_for_bad_shapes, mesh),
-        warning=WARNING_EXCESS if method in ("heat", "fast-marching") else 0.0,
-        largest=MAX_EXCESS,
+    accuracy = result.accuracy | certificate(
+        mesh,
+        sources,
+        result.distance,
+        estimate=None if result.estimate is None else result.estimate(),
+        graph=None if result.edge_graph is None else result.edge_graph(),
     )
-    within_residuals(
-        accuracy,
-        ("error_estimate",),
-        "heat smooths distances along boundaries and where shortest paths meet; `method=fast-marching` and "
-        "`method=exact` do not",
-        warning=WARNING_ESTIMATE,
-        largest=np.inf,
-    )
-    thin = "rounding on thin triangles; use `method=exact`"
-    is_long = accuracy.get("poisson_residual", 1.0) <= WARNING_RESIDUAL  # thin triangles leave errors in both
-    long = "rounding of the heat after a long time; give a shorter `heat_time`"
-    converged &= within_residuals(accuracy, ("heat_residual",), long if is_long else thin)
-    converged &= within_residuals(accuracy, ("poisson_residual",), thin)
+    converged = has_converged(mesh, method, accuracy)
     return replace(
         result, results=results | result.results, accuracy=accuracy, converged=converged, estimate=None
     )

@@ -80,7 +80,8 @@ def edge_distance(
     mesh : TriangleMesh or IntrinsicMesh
     sources : Sources, vertex index or array of vertex indices
     graph : csr_array, optional
-        `edge_graph(mesh)`, shared by several calls.
+        `edge_graph(mesh)`, shared by several calls; or that of another triangulation of the surface, whose
+        first vertices are those of the mesh.
 
     Returns
     -------
@@ -91,8 +92,9 @@ def edge_distance(
     from scipy.sparse.csgraph import dijkstra
 
     sources = check_sources(mesh, sources)
-    n, points = mesh.n_vertices, sources.points
+    points = sources.points
     graph = edge_graph(mesh) if graph is None else graph
+    n = graph.shape[0]
     if len(points):
         length = mesh.side_length[points.face]
         scale = float(length.max()) or 1.0  # squares of lengths leave the range before lengths do
@@ -112,6 +114,7 @@ def edge_distance(
     distance, before, root = dijkstra(graph, indices=unique, return_predecessors=True, min_only=True)
     index = np.full(graph.shape[0] + 1, -1)
     index[unique] = numbers[first]
+    n = mesh.n_vertices
     reached = np.isfinite(distance[:n])
     root = np.where(reached, root[:n], -1)
     before = np.where((before[:n] >= 0) & (before[:n] < n), before[:n], -1).astype(np.int64)
