@@ -194,6 +194,18 @@ def test_rounding_after_a_long_heat_time_is_not_blamed_on_triangles(caplog):
     assert "give a shorter `heat_time`" in warning and "triangles" not in warning
 
 
+@pytest.mark.parametrize("seed", [3, 7, 17])
+def test_fast_marching_from_several_sources_does_not_depend_on_the_orientation(seed):
+    """Stencils gave the path along the side from one of two corners, and wavefronts met with that value."""
+    mesh = shapes.random_sphere(1000)
+    x, y, z = mesh.points.T[:, :, None]
+    mesh = mesh.moved(mesh.points * (1 + 0.3 * np.sin(6 * x) * np.sin(5 * y + 1) * np.sin(7 * z)))
+    sources = Sources.at(np.random.default_rng(seed).choice(1000, 2, replace=False))
+    turned = TriangleMesh.from_arrays(mesh.points, mesh.faces[:, ::-1])
+    one, other = (measure_distance(m, sources, "fast-marching").distance for m in (mesh, turned))
+    assert np.abs(one - other).max() < 1e-12
+
+
 @pytest.mark.parametrize("n_points", [1, 400])
 def test_fast_marching_from_points_at_a_vertex_of_many_faces_takes_little_memory(n_points):
     n = 2000

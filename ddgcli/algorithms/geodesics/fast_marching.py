@@ -39,9 +39,9 @@ class Stencils:
     ----------
     corner : (k, 3) ndarray of int64
         a, b, c; a = b for a straight path along an edge.
-    shape : (k, 4) ndarray of float64
-        length of ab, c's x and y (y > 0), length of ac; divided by `scale`. Length 0 means
-        the path from a to c alone.
+    shape : (k, 5) ndarray of float64
+        length of ab, c's x and y (y > 0), lengths of ac and bc; divided by `scale`. Length 0 means
+        the paths from a and b to c alone.
     start, at, apex : ndarrays of int64
         Stencils that use vertex v as a or b: at[start[v] : start[v + 1]], and the c of each of them.
     mean_side : float
@@ -109,7 +109,7 @@ def fast_marching_stencils(mesh: SurfaceMesh) -> Stencils:
     # rows: straight ones, one for each side, and one more for each obtuse corner with an unfolding
     first, last = len(flipped_sides) + len(lone), len(flipped_sides) + len(lone) + length.size
     corner = np.empty((last + len(obtuse), 3), dtype=np.int64)
-    shape = np.empty((last + len(obtuse), 4))
+    shape = np.empty((last + len(obtuse), 5))
     _straight(corner[: len(flipped_sides)], shape[: len(flipped_sides)], mesh, flipped_sides, scale)
     _straight(
         corner[len(flipped_sides) : first], shape[len(flipped_sides) : first], triangulation, lone, scale
@@ -117,7 +117,7 @@ def fast_marching_stencils(mesh: SurfaceMesh) -> Stencils:
     of_sides, shapes = corner[first:last], shape[first:last]
     for k, column in enumerate((faces, faces[:, NEXT], faces[:, PREVIOUS])):
         of_sides.reshape(-1, 3, 3)[:, :, k] = column
-    side_shapes(triangulation, face_scale, shapes.reshape(-1, 3, 4))
+    side_shapes(triangulation, face_scale, shapes.reshape(-1, 3, 5))
     row, vertex, where = _unfolded(of_sides, shapes, code, mirrored, obtuse)
     side, rows = obtuse.take(row), last + len(row)
     corner[last:rows] = of_sides.take(side, axis=0)
@@ -148,7 +148,7 @@ def _straight(corner: NDArray, shape: NDArray, mesh: SurfaceMesh, side: NDArray,
     corner[:, 0] = corner[:, 1] = mesh.faces.ravel().take(side)
     corner[:, 2] = mesh.faces.ravel().take(next_side(side))
     shape[:, :3] = 0.0
-    np.divide(mesh.side_length.ravel().take(side), scale.take(corner[:, 0]), out=shape[:, 3])
+    shape[:, 3] = shape[:, 4] = mesh.side_length.ravel().take(side) / scale.take(corner[:, 0])
 
 
 def _users(corner: NDArray, n_straight: int, n_vertices: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -177,13 +177,14 @@ def _delaunay_if_surface(mesh: SurfaceMesh) -> tuple[SurfaceMesh, NDArray[np.int
 
 def _halves(shape: NDArray, where: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Shapes of the stencils (a, w, c) and (w, b, c), w at the places `where` in the frames of ab."""
-    length, x, y, left = shape.T
+    length, x, y, left, right = shape.T
     apex = x + 1j * y
+    middle = np.abs(where - apex)
     halves = []
-    for p, q, from_p in ((0.0, where, left), (where, length, np.abs(where - apex))):
+    for p, q, from_p, from_q in ((0.0, where, left, middle), (where, length, middle, right)):
         size = np.abs(q - p)
         to = (apex - p) * np.conj(q - p) / size
-        halves.append(np.stack([size, to.real, np.abs(to.imag), from_p], axis=1))
+        halves.append(np.stack([size, to.real, np.abs(to.imag), from_p, from_q], axis=1))
     return halves[0], halves[1]
 
 
@@ -319,7 +320,9 @@ class _FastMarching:
         self.queued[vertex] = True
         if source is not None:
             won = (value == self.distance.take(vertex)).nonzero()[0]
-            self.source[vertex.take(won)] = source.take(won)
+            vertex, source = vertex.take(won), source.take(won)
+            self.source[vertex] = np.iinfo(np.int64).max
+            np.minimum.at(self.source, vertex, source)  # of sources at equal distances the first
 
     def run(self) -> None:
         """Propagate, nearest bucket first, until the queue is empty."""
@@ -367,16 +370,23 @@ class _FastMarching:
     def _local_values(
         self, corner: NDArray, da: NDArray, db: NDArray, shape: NDArray
     ) -> tuple[NDArray[np.float64], NDArray[np.int64] | None]:
-        """Distances of the third corners by a wavefront that crosses ab, or along ac, and their starts."""
-        length, x, y, by_a = shape
-        along = by_a + da
+        """Distances of the third corners by a wavefront that crosses ab, or along ac or bc, and their starts.
+
+        Both ends count, so that values do not depend on the orientation of the face: a value that is too
+        large for a while takes part in updates, and wavefronts of other sources do not correct these.
+        """
+        length, x, y, by_a, by_b = shape
+        along, along_b = by_a + da, by_b + db
+        by_b_is_less = along_b < along
+        along = np.minimum(along, along_b)
         value, cross = self.local_update(da, db, length, x, y)
         if not self.store_sources:
             return np.where((cross >= 0) & (cross <= length), value, along), None
         start, start_b = self.source.take(corner[:, :2]).T
         meets = start == start_b  # wavefronts of two sources form no common circle
+        nearest = np.where(by_b_is_less, start_b, start)
         if self.wavefronts is None:
-            return np.where(meets & (cross >= 0) & (cross <= length), value, along), start
+            return np.where(meets & (cross >= 0) & (cross <= length), value, along), nearest
         piece = self.wavefronts.common_piece(start, start_b)
         straight = (piece >= 0).nonzero()[0]
         value[straight], cross[straight] = _planar_update(
@@ -384,7 +394,7 @@ class _FastMarching:
         )
         meets[straight] = value[straight] <= along[straight]  # beside a vertex the wavefront is round
         meets &= (cross >= 0) & (cross <= length)
-        return np.where(meets, value, along), np.where(meets & (piece >= 0), piece, start)
+        return np.where(meets, value, along), np.where(meets & (piece >= 0), piece, nearest)
 
 
 def circular_update(

@@ -204,7 +204,7 @@ def _parents(stencils: Stencils, distance: NDArray, selected: NDArray) -> tuple[
     row = selected.take(stencils.corner[:, 2]).nonzero()[0]
     corner = stencils.corner.take(row, axis=0)
     da, db, dc = distance.take(corner).T
-    length, x, y, along = stencils.shape.take(row, axis=0).T
+    length, x, y, along, _ = stencils.shape.take(row, axis=0).T
     with np.errstate(divide="ignore", invalid="ignore"):
         value_c, cross = circular_update(da, db, length, x, y)
         share = cross / length
