@@ -230,6 +230,7 @@ class _Balls:
             self.largest_radius(extent),
             VOTING_BIAS_GROWTH,
             reference=scales.first_mean[::step],
+            other=scales.mean[::step],
         )
         return None if voting is None else apart_from(voting, scales, step)
 

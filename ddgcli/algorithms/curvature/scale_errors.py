@@ -21,6 +21,8 @@ MIN_NOISE_FALL, MAX_KNOWN_NOISE = 2.0, 1.5
 MIN_SHARED_RATIO = 1.25
 MAX_CHANCE = 2.5  # standard errors of the mean change of some vertices
 MIN_SIGNIFICANCE = 3.0  # of a squared difference, over that which noise leaves by chance
+# of the distance to the curvature of other fits, over the least one at smaller radii: by chance
+MAX_DISTANCE_GROWTH = 1.25
 # times the median size: more is at rims and spikes; normal noise has more at 4 % of the vertices
 MAX_TAIL = 3.0
 
@@ -30,6 +32,7 @@ def error_of_radii(
     default: NDArray | None = None,
     reference: NDArray | None = None,
     *,
+    other: NDArray | None = None,
     bound: float = np.inf,
     noise: NDArray | None = None,
 ) -> NDArray[np.float64]:
@@ -40,7 +43,8 @@ def error_of_radii(
     `reference` (k,); or a share of the change from the radius before, at the first one from the default
     region (k,), if there is one and no reference. Where the change to the next radius does not fall as noise
     does, the known `noise` (r,) bounds that of a radius: waves change from each radius to the next, until
-    balls hold them whole.
+    balls hold them whole. Averaged normals flatten waves in the smallest balls already: what the distance to
+    the curvature of `other` fits (k,) has grown by, in squares and beyond chance, is bias.
 
     Parameters
     ----------
@@ -50,6 +54,8 @@ def error_of_radii(
         That over the default region.
     reference : (k,) ndarray of float64, optional
         That of fits which flatten small features less.
+    other : (k,) ndarray of float64, optional
+        That of other fits in balls of their best radius.
     bound : float
         Largest change of a vertex over the median one.
     noise : (r,) ndarray of float64, optional
@@ -75,6 +81,10 @@ def error_of_radii(
             biased = steady[:j] & (distance > MAX_KNOWN_NOISE * noise[:j])
             error[j] = max(error[j], float(distance.max(initial=0.0, where=biased)))
     error = np.maximum(error, _shared_error(mean))
+    if other is not None:
+        square = np.array([mean_size(at - other, bound) for at in mean[:-1]]) ** 2
+        least = MAX_DISTANCE_GROWTH**2 * np.minimum.accumulate(square)
+        error = np.maximum(error, np.sqrt(np.maximum(square - least, 0.0)))
     if reference is None:
         return error
     return np.maximum(error, [flattening(reference, at) for at in mean[:-1]])
@@ -191,6 +201,7 @@ def whole_error(
     bias_growth: float,
     max_change: float,
     noise: NDArray,
+    other: NDArray | None = None,
 ) -> float:
     """Error at the best radius with the whole bias, where the error is part noise, part bias.
 
@@ -210,12 +221,14 @@ def whole_error(
     max_change : float
         Largest change of a vertex over the median one.
     noise : (r,) ndarray of float64
+    other : (k,) ndarray of float64, optional
+        As in `error_of_radii`.
 
     Returns
     -------
     float
     """
-    error = float(error_of_radii(mean, default, reference, bound=max_change, noise=noise)[best])
+    error = error_of_radii(mean, default, reference, other=other, bound=max_change, noise=noise)[best]
     bias = error
     if best + 2 < len(mean):
         bias = mean_size(mean[best + 2] - mean[best + 1], max_change) / bias_growth

@@ -149,6 +149,7 @@ def measure_scales(
     bias_growth: float,
     *,
     reference: NDArray | None = None,
+    other: NDArray | None = None,
     hidden_bias: HiddenBias | None = None,
     noise: float = np.inf,
     max_radii: int = MAX_SCALES,
@@ -169,6 +170,8 @@ def measure_scales(
     reference : (k,) ndarray, optional
         Mean curvature of other fits, which flatten small features less. Without it such fits gave `default`,
         so that their noise there bounds that in the first ball.
+    other : (k,) ndarray, optional
+        That of such fits in balls of their best radius.
     hidden_bias : callable, optional
         Mean bias that the changes do not show, from `default`, the fits of a radius and of the next one, the
         radius, and the largest bias of a vertex over the median one.
@@ -188,7 +191,7 @@ def measure_scales(
         return None
     mean = np.stack([fit.mean for fit in fits])
     known = NOISE_OF_FITS * noise / np.array(radii) ** 3
-    error = error_of_radii(mean, default, reference, noise=known)
+    error = error_of_radii(mean, default, reference, other=other, noise=known)
     best = int(np.argmin(error))
     larger = np.maximum(np.abs(fits[best].low), np.abs(fits[best].high))
     least_size = MIN_MEAN_SHARE * float(np.median(larger))
@@ -197,7 +200,7 @@ def measure_scales(
     if stated_size < MIN_SIZE_WITHOUT_RIMS * size:
         # the curvature jumps where rims begin: its bias is proportional to the radius
         stated_size, max_change, bias_growth = size, np.inf, min(bias_growth, RADIUS_RATIO)
-    own_error = whole_error(mean, default, reference, best, bias_growth, max_change, known)
+    own_error = whole_error(mean, default, reference, best, bias_growth, max_change, known, other)
     # a default region that errs against the curvature, as in long cells, shows no bias of balls
     if hidden_bias is not None and correlation(default, mean[0]) > 0:
         hidden = hidden_bias(default, fits[best], fits[best + 1], radii[best], bound=max_change)
