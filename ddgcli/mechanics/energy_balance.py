@@ -5,7 +5,7 @@ Steps of implicit Euler and bdf2 may lose any energy; what they gain is taken fr
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from ddgcli.mechanics.objective import MOVE_TOLERANCE
 from ddgcli.mechanics.rounding import sum_rounding
 from ddgcli.mechanics.system import Motion, System
 from ddgcli.mesh.vectors import row_dot
-from ddgcli.simulation.model import StepRejected
+from ddgcli.simulation.model import Cause, StepRejected
 
 # of the available energy: how far the balance may exceed its minimum, and how far a step may drop it
 MAX_ENERGY_RISE, MAX_ENERGY_FALL = 0.01, 0.1
@@ -27,23 +27,26 @@ class StoredEnergy:
     """Energy in J of the nonlinear potentials at given positions, and its gradient (n, 3).
 
     Moments, whose energy is approximate, count as loads.
-    `scale` is the sum of the absolute energies: that of a pressure is negative.
+    `scale` is the sum of the absolute energies: that of a pressure is negative. `force` is the sum of the
+    absolute forces of the potentials on the coordinates, in N.
     """
 
     energy: float
     gradient: NDArray
     scale: float
+    force: float
 
     @classmethod
     def at(cls, system: System, x: NDArray) -> StoredEnergy:
-        energy, scale, gradient = 0.0, 0.0, np.zeros_like(x)
+        energy, scale, force, gradient = 0.0, 0.0, 0.0, np.zeros_like(x)
         for potential in system.potentials:
             if not potential.is_dead and potential.exact_energy:
                 with system.account.within(potential.name):
-                    own_energy = potential.energy(x)
+                    own_energy, own_gradient = potential.energy(x), potential.gradient(x)
                     energy, scale = energy + own_energy, scale + abs(own_energy)
-                    gradient += potential.gradient(x)
-        return cls(energy, gradient, scale)
+                    force += float(np.abs(own_gradient).sum())
+                    gradient += own_gradient
+        return cls(energy, gradient, scale, force)
 
 
 def kinetic(system: System, v: NDArray) -> float:
@@ -121,11 +124,19 @@ def balanced(
 def _scales(
     system: System, before: Motion, after: Motion, start: StoredEnergy, end: StoredEnergy, dt: float
 ) -> tuple[float, float]:
-    """Joules available in a step, and joules that the iteration and rounding may leave."""
+    """Joules available in a step, and joules that the iteration and rounding may leave.
+
+    Raises StepRejected where these are not finite: comparisons with them would accept any step.
+    """
     at_hand = max(kinetic(system, before.v) + start.scale, kinetic(system, after.v) + end.scale)
-    # what the iteration may leave, as speed; and rounding
+    # what the iteration may leave, as speed; and rounding, with the forces of the step (those of barriers)
     unresolved = float(system.mass.sum()) * (MOVE_TOLERANCE * system.size / dt) ** 2
-    return at_hand, unresolved + system.rounding.energy(dt) + sum_rounding(at_hand, len(system.mass))
+    at_start = system.rounding
+    rounding = replace(at_start, force=max(at_start.force, start.force, end.force))
+    least = unresolved + rounding.energy(dt) + sum_rounding(at_hand, len(system.mass))
+    if not np.isfinite(least):
+        raise StepRejected(Cause.NOT_FINITE, "the tolerance of the energy balance", least)
+    return at_hand, least
 
 
 def without_gain(

@@ -217,8 +217,12 @@ class System:
 
     @cached_property
     def rounding(self) -> Rounding:
-        """What rounding of the positions at the start does to energies and momenta."""
-        return Rounding.at(self.potentials, self.mass, self.start)
+        """What rounding of the positions at the start does to energies and momenta, without barriers.
+
+        Those of obstacles that move may have passed these positions.
+        """
+        regular = [p for p in self.potentials if not isinstance(p, BarrierPotential)]
+        return Rounding.at(regular, self.mass, self.start)
 
     def energies(self, x: NDArray) -> dict[str, float]:
         """Energy of each potential by its effect's name."""

@@ -1,13 +1,26 @@
 """Schemes that damp give no energy, also where the energy is not convex; their momenta stay."""
 
+import importlib.util
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from benchmarks.drops import drop
+from ddgcli.io.scene_file import parse_scene
+from ddgcli.mechanics.energy_balance import StoredEnergy, balanced, kinetic
 from ddgcli.mechanics.integrators import INTEGRATORS
+from ddgcli.mechanics.rounding import Rounding
 from ddgcli.mechanics.system import Motion, System
 from ddgcli.mechanics.terms import Potential
+from ddgcli.models.shell import model
+from ddgcli.models.shell.report import rounding
+from ddgcli.models.shell.scene import KIND
+from ddgcli.scenes.scene import resolve
 from ddgcli.simulation.account import Account
+from ddgcli.simulation.frames import TrajectoryFrame
+from ddgcli.simulation.model import StepRejected
+from ddgcli.simulation.outcome import Outcome
 from tests.simulate import shell_run
 
 
@@ -95,3 +108,73 @@ def test_bdf2_swings_through_the_lowest_point_in_whole_steps():
     assert run[-1].steps == 40 and run[-1].smallest_step == 0.005
     energy = [sum(v for k, v in s.observations["s"].scalar.items() if k.startswith("energy_")) for s in run]
     assert max(energy) <= energy[0] + 0.02 * max(s.observations["s"].scalar["energy_kinetic"] for s in run)
+
+
+PRESSED = """
+[time]
+duration = 1
+step = 5e-3
+integrator = "newmark"
+[[object]]
+name = "s"
+role = "shell"
+grid = {{ size = [0.1, 0.1], cells = [4, 4] }}
+material = "rubber"
+[[object]]
+name = "press"
+role = "obstacle"
+{shape}
+velocity = [0, 0, {velocity}]
+[effects]
+stretching = {{}}
+contact = {{ pairs = [["s", "press"]], sharp = {sharp} }}
+"""
+PRESSES = {
+    "plane": "plane = { point = [0, 0, 0.01], normal = [0, 0, -1] }",
+    "sphere": "sphere = { center = [0.05, 0.05, 0.06], radius = 0.05 }",
+    "box": "box = { corner = [-0.1, -0.1, 0.01], size = [0.3, 0.3, 0.1] }",
+    "cylinder": "cylinder = { start = [0.05, -0.1, 0.06], end = [0.05, 0.3, 0.06], radius = 0.05 }",
+    "box with edges": "box = { corner = [-0.1, -0.1, 0.01], size = [0.3, 0.3, 0.1] }",
+}
+
+
+def pressed(shape, velocity=-0.1):
+    """(system, positions) of a sheet 6 cm below its start; the obstacle went 5 cm down, or up, until then."""
+    sharp = shape == "box with edges"
+    if sharp and importlib.util.find_spec("ipctk") is None:
+        pytest.skip("needs the extra contact")
+    text = PRESSED.format(shape=PRESSES[shape], velocity=velocity, sharp=str(sharp).lower())
+    scene = resolve(parse_scene(text), KIND, {})
+    contexts = {name: context for name, (context, _) in model.contexts(scene, None).items()}
+    system = model.systems(scene, contexts, Account())["s"].at(0.5)
+    return system, system.start - [0, 0, 0.06]
+
+
+@pytest.mark.parametrize("shape", PRESSES)
+def test_the_balance_judges_steps_after_an_obstacle_has_passed_where_the_shell_started(shape):
+    """Its tolerance was not a number, and any step accepted: the barrier pushed at the start positions."""
+    system, x = pressed(shape)
+    slow = np.broadcast_to([0.0, 0.0, -0.1], x.shape)
+    before = Motion(x, slow, 0 * x, time=system.time)
+    stored = StoredEnergy.at(system, x)
+    gain = kinetic(system, 2 * slow) - kinetic(system, slow)
+    with pytest.raises(StepRejected, match="energy rises"):
+        balanced(system, before, replace(before, v=2 * slow), stored, stored, gain, 5e-3)
+    assert balanced(system, before, before, stored, stored, 0.0, 5e-3).balance_excess == 0
+
+
+@pytest.mark.parametrize("shape", PRESSES)
+def test_rounding_of_a_run_counts_the_forces_of_its_end_after_an_obstacle_has_left(shape):
+    """It took the obstacle of the start there: not a number, so that the end did not count."""
+    system, x = pressed(shape, velocity=0.1)
+    outcome = Outcome(last=TrajectoryFrame(100, 0.5, 1.1 * x + [0, 0, 0.086]))
+    scale = rounding(outcome, {"s": system.at(0.0)}, [("s", len(x))])
+    assert 1e-9 > scale.energy > 1e6 * system.rounding.energy()
+
+
+def test_a_tolerance_that_is_not_finite_rejects_the_step(monkeypatch):
+    system, x = pressed("plane")
+    motion, stored = Motion(x, 0 * x, 0 * x), StoredEnergy.at(system, x)
+    monkeypatch.setattr(Rounding, "energy", lambda *_: np.nan)
+    with pytest.raises(StepRejected, match="not finite"):
+        balanced(system, motion, motion, stored, stored, 0.0, 5e-3)

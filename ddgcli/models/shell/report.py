@@ -52,7 +52,8 @@ def rounding(outcome: Outcome, systems: dict[str, System], order: Order) -> RunR
     dt = outcome.smallest_step if steps else np.inf
     energy = momentum = angular = 0.0
     for name, system in systems.items():
-        scales = [system.rounding, Rounding.at(system.potentials, system.mass, end[name])]
+        at_end = system.at(outcome.end.time).potentials  # moving obstacles may have passed these places
+        scales = [system.rounding, Rounding.at(at_end, system.mass, end[name])]
         momentum_rounding = max(scale.momentum(dt, steps) for scale in scales)
         energy += max(scale.energy(dt, steps) for scale in scales)
         momentum += momentum_rounding
