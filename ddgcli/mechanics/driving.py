@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.mechanics.system import Motion, System
-from ddgcli.mechanics.terms import Dissipation, Potential
+from ddgcli.mechanics.terms import ActsAt, Dissipation, Potential
 from ddgcli.mesh.vectors import row_cross
 
 
@@ -18,7 +18,8 @@ def driving_work(
     after: Motion,
     dt: float,
     later: System | None = None,
-    acts_at: Literal["ends", "end", "middle"] = "ends",
+    acts_at: ActsAt = "ends",
+    pushes_at: ActsAt = "ends",
 ) -> float:
     """Work that a step adds to kinetic and potential energy from outside, by the trapezoidal rule.
 
@@ -35,8 +36,10 @@ def driving_work(
     later : System, optional
         At the memory of the end; by default `system`.
     acts_at : {'ends', 'end', 'middle'}
-        Where the scheme takes its forces: those of obstacles and friction, which change at once where a body
-        lands, are taken there.
+        Where the scheme takes its forces: those of friction, which change at once where a body lands, are
+        taken there.
+    pushes_at : {'ends', 'end', 'middle'}
+        Where those of moving obstacles are taken, see `obstacle_work`.
 
     Returns
     -------
@@ -53,12 +56,11 @@ def driving_work(
         work += 0.5 * float(np.vdot(force[rows], move[rows]))
         speed = np.sum(after.v[rows] ** 2, axis=1) - np.sum(before.v[rows] ** 2, axis=1)
         work += 0.5 * float(system.mass[rows] @ speed)
+    work += obstacle_work(system, before, after, pushes_at)
     for term in system.terms:
-        if term.at is not None:
+        if term.at is not None and term.travel_work is None:
             then, now = term.at(before.time), term.at(after.time)
-            if term.power is not None:  # of a barrier: its energy at fixed positions may be infinite
-                work += dt * _mean_power(term, before, after, acts_at)
-            elif isinstance(then, Potential):
+            if isinstance(then, Potential):
                 work += 0.5 * (now.energy(before.x) - then.energy(before.x))
                 work += 0.5 * (now.energy(after.x) - then.energy(after.x))
     middle, halfway = before.x + 0.5 * dt * before.v, system.at(0.5 * (before.time + after.time))
@@ -76,14 +78,6 @@ def driving_work(
                         drag = 0.5 * (drag + at_start.frozen(before.x, dt).gradient(before.v))
             work -= float(np.vdot(system.only_free(drag), move))
     return work
-
-
-def _mean_power(term: Any, before: Motion, after: Motion, acts_at: str) -> float:
-    """Watts that a moving obstacle gives in a step, by the forces of the scheme."""
-    if acts_at == "middle":
-        return term.at(0.5 * (before.time + after.time)).power(0.5 * (before.x + after.x))
-    power = term.at(after.time).power(after.x)
-    return power if acts_at == "end" else 0.5 * (power + term.at(before.time).power(before.x))
 
 
 def reactions(system: System, motion: Motion, dt: float) -> dict[str, tuple[NDArray, NDArray]]:
@@ -132,16 +126,19 @@ def _couples(system: System, x: NDArray) -> tuple[NDArray, NDArray]:
     return np.concatenate(ends), np.concatenate([np.zeros((0, 3)), *(moment for _, moment in couples)])
 
 
-def obstacle_work(system: System, before: Motion, after: Motion, dt: float) -> float:
-    """Work that moving obstacles add to the stored energy in a step, by the trapezoidal rule.
+def obstacle_work(system: System, before: Motion, after: Motion, pushes_at: ActsAt = "ends") -> float:
+    """Work that moving obstacles add to the stored energy in a step: their forces times their travel.
+
+    The change of a barrier's energy in time at fixed positions may be infinite.
 
     Parameters
     ----------
     system : System
     before, after : Motion
         At both ends of the step.
-    dt : float
-        In s.
+    pushes_at : {'ends', 'end', 'middle'}
+        Where the forces are taken. With those of the end the balance of implicit Euler does not rise, because
+        a convex barrier lies above its tangent there.
 
     Returns
     -------
@@ -150,8 +147,14 @@ def obstacle_work(system: System, before: Motion, after: Motion, dt: float) -> f
     """
     if not system.pushed:
         return 0.0
-    terms = [term for term in system.terms if term.power is not None]
-    return 0.5 * dt * sum(p.at(before.time).power(before.x) + p.at(after.time).power(after.x) for p in terms)
+    start, end = (before.time, before.x), (after.time, after.x)
+    middle = (0.5 * (before.time + after.time), 0.5 * (before.x + after.x))
+    places = {"ends": (start, end), "end": (end,), "middle": (middle,)}[pushes_at]
+    work = 0.0
+    for term in system.terms:
+        if term.travel_work is not None:
+            work += sum(term.at(time).travel_work(x, start, end) for time, x in places)
+    return work / len(places)
 
 
 def contact_forces(system: System, motion: Motion, dt: float) -> dict[str, tuple[NDArray, NDArray]]:

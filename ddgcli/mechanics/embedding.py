@@ -21,6 +21,7 @@ from ddgcli.mechanics.terms import (
     Potential,
     PrescribedMotion,
     Term,
+    TimedPositions,
 )
 
 
@@ -143,8 +144,9 @@ class EmbeddedBarrier(EmbeddedPotential, BarrierPotential):
     def begin_step(self) -> None:
         self.own_term.begin_step()
 
-    def power(self, x: NDArray) -> float:
-        return self.own_term.power(self.rows.of(x))
+    def travel_work(self, x: NDArray, before: TimedPositions, after: TimedPositions) -> float:
+        own_before, own_after = ((time, self.rows.of(y)) for time, y in (before, after))
+        return self.own_term.travel_work(self.rows.of(x), own_before, own_after)
 
     def carried(self, x: NDArray, since: float) -> NDArray[np.float64] | None:
         local = self.own_term.carried(self.rows.of(x), since)

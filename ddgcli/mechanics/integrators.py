@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from ddgcli.simulation.model import Cause, StepRejected
 
 if TYPE_CHECKING:
     from ddgcli.mechanics.increment import Increment, Point
-    from ddgcli.mechanics.terms import Potential
+    from ddgcli.mechanics.terms import ActsAt, Potential
 
 Step = Callable[[System, Motion, float, Any], Motion]
 
@@ -43,6 +43,8 @@ class Integrator:
         A step sets the time of its end itself: the load factor of a path.
     acts_at : {'ends', 'end', 'middle'}
         Positions and velocities of a step whose forces act in it.
+    pushes_at : {'ends', 'end', 'middle'}
+        Those whose forces give the work of moving obstacles to the order of the scheme.
     """
 
     name: str
@@ -52,7 +54,8 @@ class Integrator:
     rescue: Step | None = None
     multistep: bool = False
     own_time: bool = False
-    acts_at: Literal["ends", "end", "middle"] = "ends"
+    acts_at: ActsAt = "ends"
+    pushes_at: ActsAt = "ends"
 
 
 def _symplectic_euler(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
@@ -122,13 +125,15 @@ def _obstacles_at(system: System, time: float) -> System:
     return system.with_obstacles_at(time) if system.pushed else system
 
 
-def _obstacle_work(system: System, before: Motion, after: Motion, dt: float) -> float:
+def _obstacle_work(
+    system: System, before: Motion, after: Motion, dt: float, pushes_at: ActsAt = "ends"
+) -> float:
     """Joules that moving obstacles add to the stored energy in a step."""
     if not system.pushed:
         return 0.0
     from ddgcli.mechanics.driving import obstacle_work
 
-    return obstacle_work(system, before, replace(after, time=before.time + dt), dt)
+    return obstacle_work(system, before, replace(after, time=before.time + dt), pushes_at)
 
 
 def _solved(
@@ -197,7 +202,7 @@ def _implicit_euler(system: System, motion: Motion, dt: float, parameters: Any) 
     checked(system, after)
     if start is None:
         return after
-    pushed = _obstacle_work(system, motion, after, dt)
+    pushed = _obstacle_work(system, motion, after, dt, "end")
     return without_gain(system, motion, after, start, StoredEnergy.at(system, after.x), pushed, dt)
 
 
@@ -222,7 +227,7 @@ def _implicit_midpoint(system: System, motion: Motion, dt: float, parameters: An
     if start is None:
         return after
     work = -float(np.vdot(StoredEnergy.at(system, middle).gradient, x - motion.x))
-    work -= _obstacle_work(system, motion, after, dt)
+    work -= _obstacle_work(system, motion, after, dt, "middle")
     last = StoredEnergy.at(_obstacles_at(system, end.time), x)
     return balanced(system, motion, after, start, last, work, dt)
 
@@ -421,9 +426,17 @@ INTEGRATORS: dict[str, Integrator] = {
     "avi": Integrator("avi", 2, _avi, _any_step),
     "newmark": Integrator("newmark", 2, _newmark, _newmark_reach, _composite),
     "implicit-midpoint": Integrator(
-        "implicit-midpoint", 2, _implicit_midpoint, _any_step, _composite, acts_at="middle"
+        "implicit-midpoint",
+        2,
+        _implicit_midpoint,
+        _any_step,
+        _composite,
+        acts_at="middle",
+        pushes_at="middle",
     ),
-    "implicit-euler": Integrator("implicit-euler", 1, _implicit_euler, _any_step, acts_at="end"),
+    "implicit-euler": Integrator(
+        "implicit-euler", 1, _implicit_euler, _any_step, acts_at="end", pushes_at="end"
+    ),
     "bdf2": Integrator("bdf2", 2, _bdf2, _any_step, _composite, multistep=True, acts_at="end"),
     "static": Integrator("static", 0, _static, _any_step),
 }

@@ -125,12 +125,14 @@ class System:
         timed = any(term.at is not None for term in self.terms)
         self.driven = timed or bool(self.prescribed) or any(d.active for d in self.dissipations)
         self.varies = timed or bool(self.prescribed)
-        self.pushed = any(term.power is not None for term in self.terms)
+        self.pushed = any(term.travel_work is not None for term in self.terms)
 
     def _choose(self, terms: Sequence[Term], obstacle_time: float | None = None) -> None:
         """Sort the terms by kind, those that depend on time at `self.time`, obstacles at their own."""
         of_obstacles = self.time if obstacle_time is None else obstacle_time
-        now = [p if p.at is None else p.at(self.time if p.power is None else of_obstacles) for p in terms]
+        now = [
+            p if p.at is None else p.at(self.time if p.travel_work is None else of_obstacles) for p in terms
+        ]
         self.potentials: list[Potential] = [in_pieces(p) for p in now if isinstance(p, Potential)]
         self.dissipations: list[Dissipation] = [p for p in now if isinstance(p, Dissipation)]
         self.barriers: list[BarrierPotential] = [p for p in now if isinstance(p, BarrierPotential)]
@@ -272,7 +274,7 @@ class System:
         """
         work = 0.0
         for p in self.terms:
-            if p.at is None or p.power is not None:
+            if p.at is None or p.travel_work is not None:
                 continue
             now, then = p.at(self.time), p.at(since)
             if isinstance(now, Potential) and not now.is_dead and now.exact_energy:

@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Mode = Literal["exact", "projected", "material"]
+ActsAt = Literal["ends", "end", "middle"]  # of a step: where its forces are taken
+TimedPositions = tuple[float, NDArray[np.float64]]  # s; (n, 3) in m
 LinearOperator = Callable[[NDArray], NDArray[np.float64]]  # product of a matrix with (n, 3) vectors
 
 NO_ELEMENTS: NDArray[np.int64] = np.zeros((0, 1), dtype=np.int64)
@@ -31,15 +33,15 @@ class Term:
         Of the object, in a system of several.
     at : method (time in s) -> Potential or Dissipation
         Of a term that depends on time.
-    power : method (x) -> float
-        Watts that a moving obstacle gives to the vertices.
+    travel_work : method (x, before, after) -> float
+        Joules that a moving obstacle adds between two pairs of a time and positions, with the force at x.
     """
 
     name: str
     obstacle: str = ""
     vertices: slice | None = None
     at: Any = None
-    power: Any = None
+    travel_work: Any = None
 
     @property
     def own_term(self) -> Any:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.geometry.solids import Surface
-from ddgcli.mechanics.terms import BarrierPotential, Dissipation, Mode, Potential
+from ddgcli.mechanics.terms import BarrierPotential, Dissipation, Mode, Potential, TimedPositions
 from ddgcli.mesh.vectors import row_dot, tangential
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.models.shell.obstacle_motion import PlacedMotion
@@ -102,11 +102,9 @@ class MovingBarrier(Barrier):
         moved.obstacle = self.obstacle
         return moved
 
-    def power(self, x: NDArray) -> float:
-        """Watts that the surface gives to the vertices."""
-        near, d, normal = self.near(x)
-        force = self.slope(near, d)[:, None] * normal
-        return -float(np.vdot(force, self.surface_velocity(x[near])))
+    def travel_work(self, x: NDArray, before: TimedPositions, after: TimedPositions) -> float:
+        """Joules that the surface adds between two times by its travel, with the force at x."""
+        return -float(np.vdot(self.gradient(x), self.motion.travel(before, after)))
 
     def surface_velocity(self, x: NDArray) -> NDArray[np.float64]:
         return self.pose.velocities(x)

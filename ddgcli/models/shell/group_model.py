@@ -15,7 +15,7 @@ from ddgcli.mechanics.integrators import ARC_LENGTH, INTEGRATORS, Integrator, St
 from ddgcli.mechanics.rounding import least_tolerance
 from ddgcli.mechanics.stability import stable_step
 from ddgcli.mechanics.system import LINEAR_SOLVER, Motion, System
-from ddgcli.mechanics.terms import PlasticMemory
+from ddgcli.mechanics.terms import ActsAt, PlasticMemory
 from ddgcli.mesh.vectors import row_cross
 from ddgcli.models.shell.checkpoint import packed, unpacked
 from ddgcli.models.shell.context import ShellContext
@@ -83,16 +83,16 @@ class GroupSteps:
     def advance(self, motion: Motion, time: float, dt: float) -> Motion:
         """The motion after a step."""
         try:
-            return self._advanced(self.integrator.step, motion, time, dt)
+            return self._advanced(self.integrator.step, motion, time, dt, self.integrator.pushes_at)
         except SolveError as error:
             advice = needle_advice(self.meshes)
             raise SolveError("; ".join(filter(None, [str(error), advice]))) from error
 
     def rescue(self, motion: Motion, time: float, dt: float) -> Motion:
         """The motion after a step of the integrator's fallback."""
-        return self._advanced(self.integrator.rescue or self.integrator.step, motion, time, dt)
+        return self._advanced(self.integrator.rescue or self.integrator.step, motion, time, dt, "ends")
 
-    def _advanced(self, step: Step, motion: Motion, time: float, dt: float) -> Motion:
+    def _advanced(self, step: Step, motion: Motion, time: float, dt: float, pushes_at: ActsAt) -> Motion:
         integrator, system = self.integrator, self.system
         before = motion if integrator.own_time else replace(motion, time=time)
         current = system.with_memory_at(motion.memory)
@@ -107,7 +107,8 @@ class GroupSteps:
         work = 0.0
         if system.driven:
             later = system.with_memory_at(memory) if self._in_balance else current
-            work = driving_work(current, before, replace(after, time=end), dt, later, integrator.acts_at)
+            after = replace(after, time=end)
+            work = driving_work(current, before, after, dt, later, integrator.acts_at, pushes_at)
         if not self._in_balance and _has_yielded(memory, motion.memory):
             # the next step begins with the forces of what has yielded: else their work is lost
             softer = system.with_memory_at(memory).at(end)

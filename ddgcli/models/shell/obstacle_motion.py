@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.geometry.solids import BoxGap, CylinderGap, PlaneGap, SphereGap, Surface
+from ddgcli.mechanics.terms import TimedPositions
 from ddgcli.models.shell.key_frames import Pose, RigidKeyFrames, turns
 from ddgcli.models.shell.obstacle import Obstacle
 from ddgcli.scenes.shapes import Rotation, rotation_matrix
@@ -55,6 +56,16 @@ class PlacedMotion:
         return replace(
             pose, rotation=pose.rotation @ self.rotation, shift=pose.rotation @ self.shift + pose.shift
         )
+
+    def travel(self, before: TimedPositions, after: TimedPositions) -> NDArray[np.float64]:
+        """(n, 3) travel of the body between two times at vertices that are near it, in m.
+
+        The mean of that of the points where the vertices are before, and of those where they are after: of a
+        vertex that moves with the body, its own travel; at a vertex at rest on a wheel, along its surface.
+        """
+        (since, x), (until, y) = before, after
+        start, end = self.pose(since), self.pose(until)
+        return 0.5 * (end.points(start.body(x)) - x + y - start.points(end.body(y)))
 
 
 def surface_of(obstacle: Obstacle) -> Surface:

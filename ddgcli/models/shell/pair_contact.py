@@ -14,7 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_array, csr_array
 
-from ddgcli.mechanics.terms import NO_ELEMENTS, BarrierPotential, Dissipation, Mode, Potential, at_last_point
+from ddgcli.mechanics.terms import (
+    NO_ELEMENTS,
+    BarrierPotential,
+    Dissipation,
+    Mode,
+    Potential,
+    TimedPositions,
+    at_last_point,
+)
 from ddgcli.mesh.vectors import row_dot
 from ddgcli.models.shell.barrier import carry_weight
 from ddgcli.models.shell.near_pairs import REACH, NearPairs, spread
@@ -282,14 +290,10 @@ class MovingPairBarrier(PairBarrier):
             return self
         return MovingPairBarrier(self.mesh, self.range, self.pressure, self.obstacle, time)
 
-    def power(self, x: NDArray) -> float:
-        """Watts that the obstacle gives to the shells."""
-        pairs, positions = self.near(x)
-        if not len(pairs):
-            return 0.0
-        gradient = self.potential.gradient(pairs, self.mesh.mesh, positions).reshape(-1, 3)
-        velocities = self.mesh.joined_velocities(np.zeros_like(x), self.time)
-        return float(np.vdot(gradient, velocities))
+    def travel_work(self, x: NDArray, before: TimedPositions, after: TimedPositions) -> float:
+        """Joules that the obstacle adds between two times by its travel, with the force at x."""
+        motion: Any = self.mesh.motion
+        return -float(np.vdot(self.gradient(x), motion.travel(before, after)))
 
     def carried(self, x: NDArray, since: float) -> NDArray[np.float64] | None:
         """Positions x of an earlier time, with those near the obstacle carried along until now.
