@@ -37,13 +37,14 @@ class ActiveModel:
     report_progress: Callable[[], None] = field(default=lambda: None)
 
     def pack(self) -> Arrays:
-        clock = np.array([self.next_dt, self.n_steps, self.smallest, self.n_rejected, self.n_frame_limited])
+        counts = self.n_rejected, self.n_frame_limited, self.divided, self.rescue_reported
+        clock = np.array([self.next_dt, self.n_steps, self.smallest, *counts])
         return {"clock": clock, "stopped": packed_ending(self.ending), **self.model.pack(self.state)}
 
     def restore(self, arrays: Arrays) -> None:
-        self.next_dt, n_steps, self.smallest, *counts = arrays["clock"].tolist()
+        self.next_dt, n_steps, self.smallest, *counts, divided, reported = arrays["clock"].tolist()
         self.n_steps, (self.n_rejected, self.n_frame_limited) = int(n_steps), map(int, counts)
-        self.divided = self.rescue_reported = True
+        self.divided, self.rescue_reported = bool(divided), bool(reported)
         self.ending = unpacked_ending(arrays["stopped"])
         self.state = self.model.unpack({k: v for k, v in arrays.items() if k not in ("clock", "stopped")})
 

@@ -31,6 +31,7 @@ from ddgcli.simulation.model import (
     Schedule,
     StepRejected,
 )
+from ddgcli.simulation.step_warnings import BY_COMPOSITE_SCHEME, halved, rescued
 
 log = logging.getLogger("ddgcli")
 RECOVERY_FACTOR = 8.0  # of the shortest part of a step, what the next one tries first
@@ -260,10 +261,7 @@ def _step_or_halves(
             advice = step_advice(active, rejected, schedule.dt, largest_solvable(active, rejected, time, dt))
             raise SolveError(f"t = {time:.6g} {active.model.time_unit}, {detail}; {advice}") from rejected
         log_event = log.info if active.divided else log.warning
-        unit = active.model.time_unit
-        log_event(
-            "t = %.6g %s, %s; it is halved, and so are those after it where they must", time, unit, detail
-        )
+        log_event(halved(time, active.model.time_unit, detail))
         active.divided, active.allowed = True, 0.75 * dt
         return _two_halves(active, schedule, step, time, dt, depth, events)
     active.reached = (time + dt) / schedule.dt
@@ -312,10 +310,10 @@ def _advanced(
         later = model.rescue(state, time, dt)
     except StepRejected:
         raise cause from None
-    detail = f"{active.name}: step of {dt:.3g} s rejected: {cause}; taken by the composite scheme"
+    detail = f"{active.name}: step of {dt:.3g} s rejected: {cause}{BY_COMPOSITE_SCHEME}"
     events.append(Event(step, time, cause.cause, cause.place, cause.value, detail))
     log_event = log.info if active.rescue_reported else log.warning
-    log_event("t = %.6g s, %s, and so are those after it that must", time, detail)
+    log_event(rescued(time, "s", detail))
     active.rescue_reported = True
     return later
 

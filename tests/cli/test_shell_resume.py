@@ -17,6 +17,7 @@ from ddgcli.mechanics.integrators import INTEGRATORS
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
 from tests.conftest import ROOT
+from tests.physics.test_obstacle_work import RING
 from tests.simulate import FALLING_CLOTH
 from tests.simulate import scene_file as scene
 
@@ -271,3 +272,18 @@ def test_a_resumed_run_takes_its_name_and_a_second_resume_names_it(tmp_path, run
     assert set(report["outputs"]) == {str(target), str(last)} and target.exists() and not partial.exists()
     refused = run("shell-sim", "--resume", partial, "-o", last)
     assert refused.exit_code == 2 and f"no such file; the run is complete: {target}" in refused.stderr
+
+
+@pytest.mark.parametrize("n_frames", [2, 3, 6])
+def test_a_resumed_run_reports_the_warnings_of_the_whole_run(run, summary, tmp_path, monkeypatch, n_frames):
+    """It had those of neither part; its summary named no input."""
+    text = RING.format(step=0.01, integrator="implicit-midpoint", interpolation="smooth")
+    path, out = tmp_path / "ring.toml", tmp_path / "ring.vtkhdf"
+    path.write_text('format = "ddgcli-scene/1"\n' + text.replace("duration = 0.15", "duration = 0.06"))
+    whole = summary("shell-sim", path, "-o", out)["warnings"]
+    assert ["halved" in whole[0], "composite scheme" in whole[1]] == [True, True] and len(whole) == 2
+    with interrupted_after(monkeypatch, n_frames):
+        assert run("shell-sim", path, "-o", out).exit_code == 130
+    resumed = summary("shell-sim", "--resume", f"{out}.part")
+    assert resumed["warnings"] == whole
+    assert resumed["input"]["path"] == f"{out}.part"

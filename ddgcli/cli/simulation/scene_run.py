@@ -79,7 +79,7 @@ def run_scene(
     scene = simulator.scene
     meshes = list(simulator.meshes.values())
     resolved, digest = fingerprint(scene.resolved(), simulator.sha256)
-    describe_input(run, call.path or "", meshes, digest)
+    describe_input(run, call.path or call.resume or "", meshes, digest)
     check_unchanged(call.resume, resolved)
     size = scene_size(meshes, simulator.schedule())
     facts = {"integrator": scene.time.integrator, **simulator.cost_facts()}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -22,8 +23,10 @@ from ddgcli.simulation.frames import joined_frame, joined_mesh, mesh_of_frame
 from ddgcli.simulation.model import Arrays, Event, Model, Schedule, rejections
 from ddgcli.simulation.outcome import Outcome
 from ddgcli.simulation.recording import Recorder, run_models
+from ddgcli.simulation.step_warnings import earlier_warnings
 from ddgcli.simulation.time_loop import Snapshot, ending_of, evolve
 
+log = logging.getLogger("ddgcli")
 TRAJECTORIES = (".vtkhdf", ".h5")
 
 
@@ -187,8 +190,13 @@ def _open_trajectory(
         recorder.outcome.ending = ending_of(start[1])
         job.account.restore(partial_run.effects)
         recorder.restore(_without_poses(partial_run.read_frame(k)) for k in range(partial_run.n_frames))
-        log = partial_run.log[: partial_run.log_rows]
-        recorder.outcome.rejected_steps = rejections(row["kind"].decode() for row in log)
+        rows = partial_run.log[: partial_run.log_rows]
+        events = [
+            (float(row["time"]), row["kind"].decode(), row["detail"].decode(errors="ignore")) for row in rows
+        ]
+    recorder.outcome.rejected_steps = rejections(kind for _, kind, _ in events)
+    for warning in earlier_warnings(job.models, events, adaptive=job.schedule.tolerance is not None):
+        log.warning(warning)
     return TrajectoryWriter.resume(job.resume, target, header, job.schedule.n_frames), start
 
 
