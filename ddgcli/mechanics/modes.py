@@ -27,7 +27,8 @@ MECHANISM = (
 PINS = "pin more vertices: three that are not on one line hold all motions"
 REST_STEP = 1e-3  # of the size of the object: largest move of the differences on the way to the equilibrium
 FREE_FORCE = 1e-6  # of the largest force: a rigid motion that it drives
-DEPENDENT = 1e-10  # of the largest eigenvalue of normal columns' products: they depend on others
+# of the largest eigenvalue of normal columns' products, and of a column: they depend on others
+DEPENDENT = 1e-10
 REST_SHIFT = 1e-3  # of the lowest elastic eigenvalue: bounds rigid motions on the way to the equilibrium
 ZERO_EIGENVALUE = 1e-8  # of the largest eigenvalue: a rigid motion
 ZERO_FREQUENCY = 1e-4  # of the largest frequency: a rigid motion at the equilibrium nearby
@@ -179,10 +180,12 @@ def _second_order(
 
 def _orthonormal(columns: NDArray, against: NDArray, mass: NDArray) -> NDArray[np.float64]:
     """M-orthonormal basis of columns without their components along an M-orthonormal basis."""
+    whole = np.sqrt(np.einsum("nk,n,nk->k", columns, mass, columns))
     for _ in range(2):  # the second time rounding of the first
         columns = columns - against @ (against.T @ (mass[:, None] * columns))
     size = np.sqrt(np.einsum("nk,n,nk->k", columns, mass, columns))
-    columns = columns[:, size > 0] / size[size > 0]
+    others = size > DEPENDENT * whole  # what is left of the rest is rounding
+    columns = columns[:, others] / size[others]
     gram, turn = np.linalg.eigh(columns.T @ (mass[:, None] * columns))
     independent = gram > DEPENDENT * gram.max(initial=0.0)
     return columns @ (turn[:, independent] / np.sqrt(gram[independent]))

@@ -200,3 +200,25 @@ def test_options_of_time_steps_are_errors_beside_an_analysis_that_takes_none(
         assert result.exit_code == 2, option
         assert f"{option.split()[0]}: {analysis} takes no time steps" in result.output + result.stderr
     assert summary("shell-sim", path, "--modes", 1, "--steps", 2, "--integrator", "static")
+
+
+def test_a_free_triangle_that_falls_vibrates_as_without_gravity(tmp_path, summary, estimates):
+    """All its modes span the space: what rounding left of further ones was reported as unstable."""
+    (tmp_path / "triangle.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    path = tmp_path / "scene.toml"
+    path.write_text("""format = "ddgcli-scene/1"
+[[object]]
+name = "s"
+role = "shell"
+mesh = "triangle.obj"
+material = "rubber"
+[effects]
+stretching = {}
+gravity = {}
+""")
+    for count in (3, 9):
+        out = summary("shell-sim", path, "--modes", count)
+        assert not out["warnings"]
+    frequencies = out["results"]["frequencies"]
+    assert frequencies[:6] == [0] * 6 and frequencies[6] > 1
+    np.testing.assert_allclose(estimates[-1].at_equilibrium, frequencies)
