@@ -32,7 +32,7 @@ def unheld_motions(system: System) -> str:
     """
     if system.barriers:
         return ""
-    if system.free.all():
+    if not system.support_mask.any():
         return "nothing holds the shell"
     x = np.asarray(system.start)
     center, _, motions = _unsupported(system, x)
@@ -84,7 +84,7 @@ def unsupported_fields(system: System, x: NDArray) -> NDArray[np.float64]:
     (n, 3, k) ndarray of float64
     """
     _, fields, motions = _unsupported(system, x)
-    return fields @ motions.T
+    return np.where(system.free[..., None], fields @ motions.T, 0.0)
 
 
 def _unsupported(system: System, x: NDArray) -> tuple[NDArray, NDArray, NDArray]:
@@ -98,7 +98,7 @@ def _unsupported(system: System, x: NDArray) -> tuple[NDArray, NDArray, NDArray]
     for i, unit in enumerate(np.eye(3)):
         fields[..., i] = unit
         fields[..., 3 + i] = row_cross(unit, arms)
-    prevented = fields[~system.free]
+    prevented = fields[system.support_mask]
     if not len(prevented):
         return center, fields, np.eye(6)
     _, values, motions = np.linalg.svd(prevented, full_matrices=len(prevented) < 6)

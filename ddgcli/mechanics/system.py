@@ -90,6 +90,8 @@ class System:
         What solvers keep between the steps, by their names.
     constraints : list of RigidEdges
         At most one.
+    free, support_mask : (n, 3) ndarray of bool
+        Coordinates that are not fixed; those fixed by supports.
     pushed : bool
         Obstacles move, so that the stored energy depends on time.
     """
@@ -111,11 +113,13 @@ class System:
         self.prescribed = [p for p in terms if isinstance(p, PrescribedMotion)]
         self.supports = [p for p in terms if isinstance(p, FixedCoordinates | PrescribedMotion) and p.name]
         self.constraints: list[Any] = [p for p in self.terms if isinstance(p, Constraint)]
-        fixed = np.zeros((len(mass), 3), dtype=bool)
+        fixed, support_mask = np.zeros((len(mass), 3), dtype=bool), np.zeros((len(mass), 3), dtype=bool)
         for p in self.terms:
             if isinstance(p, FixedCoordinates | PrescribedMotion):
                 fixed |= p.mask
-        self.free = ~fixed
+                if isinstance(p, PrescribedMotion) or p.supports:
+                    support_mask |= p.mask
+        self.free, self.support_mask = ~fixed, support_mask
         self.all_free = not fixed.any()
         self._fixed = np.flatnonzero(fixed)
         self.start, self.size = start, size or float(np.ptp(start, axis=0).max())

@@ -257,10 +257,13 @@ class FixedCoordinates(Term):
     mask : (n, 3) ndarray of bool
     name : str
         Of the reaction force; "" where none is reported.
+    supports : bool
+        Whether they hold the object; those of vertices that no face uses do not.
     """
 
     mask: NDArray[np.bool_]
     name: str = ""
+    supports: bool = True
 
 
 @dataclass(frozen=True, eq=False)

@@ -236,3 +236,13 @@ def test_forces_by_rounding_of_the_positions_are_balanced(monkeypatch):
     assert np.array_equal(run[-1].observations["s"].points, run[0].observations["s"].points)
     with pytest.raises(SolveError, match="no descent"):
         shell_run(FREE.format(load="load = { vertices = [0], force = [1e-9, 0, 0] }"))
+
+
+def test_a_vertex_without_faces_supports_nothing(run, tmp_path):
+    """It cannot move; so the message was that supports leave rotations about it free."""
+    mesh = tmp_path / "t.obj"
+    for loose in ("", "v 5 0 0\n"):
+        mesh.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\n" + loose + "f 1 2 3\n")
+        words = ("--material", "rubber", "--effect", "stretching", "--effect", "gravity")
+        result = run("shell-sim", mesh, *words, "--integrator", "static")
+        assert result.exit_code == 1 and "; nothing holds the shell): hold the shell by pins" in result.stderr

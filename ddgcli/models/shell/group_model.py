@@ -56,7 +56,7 @@ def group_model(scene: Scene, group: Group, system: System) -> Model[Motion]:
         clock=(lambda motion: motion.time) if integrator.own_time else None,
         advice=partial(load_advice, system, parameters, steps.meshes) if integrator.order == 0 else None,
         # what nothing holds moves rigidly first
-        iterations=None if system.free.all() or np.isfinite(reach) else lambda motion: float(motion.newton),
+        iterations=(lambda m: float(m.newton)) if system.support_mask.any() and np.isinf(reach) else None,
         least_tolerance=lambda motion: least_tolerance(motion.x, size),
     )  # fmt: skip
 

@@ -294,7 +294,7 @@ def _own_terms(scene: Scene, context: ShellContext) -> list[Any]:
     terms = _ramped(terms_of(scene, context), scene.time)
     loose = ~context.mesh.topology.referenced_vertex
     if loose.any():
-        terms.append(FixedCoordinates(np.repeat(loose[:, None], 3, axis=1)))
+        terms.append(FixedCoordinates(np.repeat(loose[:, None], 3, axis=1), supports=False))
     _require_face_arrays(scene, context)
     masks = [term.mask for term in terms if isinstance(term, FixedCoordinates | PrescribedMotion)]
     fixed = np.logical_or.reduce(masks) if masks else np.zeros((1, 3), dtype=bool)
