@@ -250,6 +250,7 @@ def test_times_and_counts_beyond_numbers(run, tmp_path, words):
     assert result.exit_code == 2 and "range" in result.stderr and result.stderr.count("\n") == 1
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")  # numpy's, once of the mass of no vertex
 @pytest.mark.parametrize(
     "command, words", [("fluid-sim", ["--flow", "rotation"]), ("shell-sim", ["--effect", "gravity"])]
 )

@@ -86,7 +86,8 @@ class ShellContext:
         """(n,) kilograms; of a vertex that no face uses (and that is held), the mean."""
         mass = float(self.shell.density or 0) * self.vertex_area
         referenced = self.mesh.topology.referenced_vertex
-        return np.where(referenced, mass, mass[referenced].mean())
+        mean = mass[referenced].sum() / max(1, np.count_nonzero(referenced))  # what has no face is refused
+        return np.where(referenced, mass, mean)
 
     def selection(self, vertices: list[int] | None, box: Any, key: Key) -> NDArray[np.int64]:
         """Vertices by index, or inside a box of two opposite corners; an error where there are none."""
