@@ -10,6 +10,7 @@ __all__ = [
     "colour",
     "curve",
     "glyphs",
+    "hiding_planes",
     "motion",
     "page",
     "raster",

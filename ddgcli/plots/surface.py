@@ -13,6 +13,7 @@ from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.plots.colour import beyond, colour_bar, colour_scale, extremes, robust_limits
 from ddgcli.plots.glyphs import ARROW_LENGTH, Arrows, Glyphs, draw_arrows, draw_glyphs
+from ddgcli.plots.hiding_planes import boundary_edges, hides
 from ddgcli.plots.labels import POINTS_PER_INCH
 from ddgcli.plots.page import WHOLE_PAGE, Box, cells, draw_texts, page, picture_axes
 from ddgcli.plots.raster import (
@@ -94,7 +95,7 @@ def draw_surface(
     edges : bool
         Draw the triangles' sides.
     context : sequence of TriangleMesh
-        Further surfaces, drawn in one colour.
+        Further surfaces, drawn in one colour; planes in front of the surface as their outlines.
     view : str or (elevation, azimuth), optional
         'x', 'y', 'z', 'iso', or degrees; None: along the normal of a flat surface, else the 'iso'
         view that shows most of the interest (with `fit`, always the first).
@@ -190,10 +191,14 @@ def _paint(
     margin = ARROW_LENGTH + MARGIN if arrows else MARGIN
     camera = fitted_camera(fit_points, view_axes(fit_points, view, up or "z"), size[0], size[1], margin)
     others = [other.moved_unchecked(placed(other.points)) for other in context]
+    planes = [hides(other, mesh.points, camera.axes[2]) for other in others]
+    outlines = [edge for other, before in zip(others, planes) if before for edge in boundary_edges(other)]
+    others = [other for other, before in zip(others, planes) if not before]
     from_below = bool(camera.axes[2]["xyz".index(up or "z")] < 0)
     image, visible, mappable = _surface_image(camera, mesh, values, signed, limits, others, edges, from_below)
     axes.imshow(image, extent=(0, size[0], size[1], 0), interpolation="none")
     axes.set_axis_off()
+    _overlay(axes, camera, visible, outlines, None, "0.6", 0.7, 0.0)
     dots = None if points is None or len(points) == 0 else placed(points)
     _overlay(axes, camera, visible, [placed(c) for c in level_lines], None, "0.15", 0.7, 0.0)
     black_curves = [placed(c) for c in curves]

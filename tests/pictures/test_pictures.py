@@ -480,3 +480,27 @@ def test_load_factors_are_not_shown_as_seconds(tmp_path, monkeypatch, time, titl
     style = motion.sequence_style([still], **time_label(SimpleNamespace(time=SimpleNamespace(**time))))
     motion.draw_motion(str(tmp_path / "p.png"), [still], {"energy": ([0.0], [1.0])}, style, "energy")
     assert (titles, axes) == ([title], [axis])
+
+
+@pytest.mark.parametrize("degrees", [30, -30])
+def test_a_plane_in_front_of_a_surface_does_not_hide_it(tmp_path, degrees):
+    """Once a press above a shell, or its floor seen from below, was all that a picture showed."""
+    from matplotlib.image import imread
+
+    ball, square = shapes.icosphere(2), shapes.grid(4, 4)
+    square = square.moved(6 * square.points - [3, 3, 0])
+    floor, press = (square.moved(square.points + [0, 0, z]) for z in (-1.2, 1.2))
+
+    def picture(*planes):
+        path = tmp_path / "a.png"
+        draw_surface(str(path), ball, context=planes, view=(degrees, 20), fit=1.5 * ball.points, dpi=30)
+        return imread(path)[..., :3]
+
+    behind, in_front = (floor, press) if degrees > 0 else (press, floor)
+    clear = picture()
+    shell = (np.abs(clear - 1) > 0.02).any(axis=-1)
+    assert shell.mean() > 0.1
+    assert np.abs(picture(behind) - clear).max(axis=-1)[~shell].mean() > 0.05  # it is drawn whole
+    with_both = picture(behind, in_front)
+    assert (np.abs(with_both - clear).max(axis=-1)[shell] > 0.05).mean() < 0.1
+    assert np.abs(picture(in_front) - clear).max() > 0.1  # its outline
