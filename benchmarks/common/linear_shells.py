@@ -165,7 +165,7 @@ def deflection(
     forces = -system.gradient(x)
     if problem.pressure is not None:
         forces += _pressed(mesh, problem.pressure)
-    move = objective.spread(Factor(matrix).solve(objective.entries(forces)))
+    move = objective.scatter(Factor(matrix).solve(objective.gather(forces)))
     vertex = int(np.argmin(np.sum((q - np.array(problem.place)) ** 2, axis=1)))
     return mesh.n_faces, float(move[vertex] @ np.array(problem.direction)) / problem.reference
 

@@ -75,7 +75,7 @@ def own_deflection(mesh: TriangleMesh, clamped: bool) -> NDArray[np.float64]:
     system = model.make_system(scene, context, Account())
     x, objective = np.asarray(mesh.points), Objective(system)
     matrix = objective.hessian(Increment(0.0, x), x, "exact")
-    return objective.spread(Factor(matrix).solve(objective.entries(-system.gradient(x))))[:, 2]
+    return objective.scatter(Factor(matrix).solve(objective.gather(-system.gradient(x))))[:, 2]
 
 
 def peer_deflection(mesh: TriangleMesh, clamped: bool) -> NDArray[np.float64]:

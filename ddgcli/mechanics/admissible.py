@@ -1,15 +1,15 @@
-"""Admissible positions and moves: no barrier crossed, prescribed vertices at their places."""
+"""Admissible positions and moves: they cross no barrier, and prescribed vertices have their positions."""
 
 from __future__ import annotations
 
 from numpy.typing import NDArray
 
-from ddgcli.mechanics.increment import worst
+from ddgcli.mechanics.increment import worst_vertex
 from ddgcli.mechanics.system import System
 from ddgcli.simulation.model import StepRejected
 
 
-def longest_fraction(system: System, y: NDArray, move: NDArray) -> float:
+def collision_free_fraction(system: System, y: NDArray, move: NDArray) -> float:
     """Largest fraction of a move that crosses no barrier.
 
     Parameters
@@ -25,24 +25,24 @@ def longest_fraction(system: System, y: NDArray, move: NDArray) -> float:
     t = 1.0
     for barrier in system.barriers:
         with system.account.within(barrier.name):
-            t = min(t, barrier.longest(y, move))
+            t = min(t, barrier.collision_free_fraction(y, move))
     return t
 
 
 def admissible_start(system: System, x: NDArray, since: float) -> NDArray:
-    """Positions at the start of a step as the barriers and prescribed vertices at its end require.
+    """Initial positions of a step that are admissible for the barriers and prescribed vertices at its end.
 
-    Vertices near moving obstacles are displaced with these; prescribed vertices are where they belong at the
+    Vertices near moving obstacles are displaced with these; prescribed vertices have their positions at the
     time of the system.
 
     Parameters
     ----------
     system : System
-        At the end of the step.
+        The system at the end of the step.
     x : (n, 3) ndarray of float64
         Positions at the time `since`.
     since : float
-        s.
+        In s.
 
     Returns
     -------
@@ -51,7 +51,7 @@ def admissible_start(system: System, x: NDArray, since: float) -> NDArray:
     Raises
     ------
     StepRejected
-        Where a barrier keeps a vertex from its place.
+        If a barrier prevents a vertex from reaching its position.
     """
     return _with_prescribed(system, _moved_with_obstacles(system, x, since))
 
@@ -66,8 +66,8 @@ def _moved_with_obstacles(system: System, x: NDArray, since: float) -> NDArray:
         move = system.only_free(moved - x)
         if move.any():
             for other in system.barriers:
-                if other not in moving and other.longest(x, move) < 1.0:
-                    raise StepRejected("barrier crossed", worst(move))
+                if other not in moving and other.collision_free_fraction(x, move) < 1.0:
+                    raise StepRejected("barrier crossed", worst_vertex(move))
             x = x + move
     for barrier in moving:
         crossed = barrier.outside(x)
@@ -78,6 +78,6 @@ def _moved_with_obstacles(system: System, x: NDArray, since: float) -> NDArray:
 
 def _with_prescribed(system: System, x: NDArray) -> NDArray:
     moved = system.prescribed_state(x, x, x)[0]
-    if moved is not x and longest_fraction(system, x, moved - x) < 1.0:
-        raise StepRejected("barrier crossed", worst(moved - x))
+    if moved is not x and collision_free_fraction(system, x, moved - x) < 1.0:
+        raise StepRejected("barrier crossed", worst_vertex(moved - x))
     return moved

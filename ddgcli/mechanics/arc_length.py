@@ -1,8 +1,8 @@
-"""Equilibrium paths through limit points: steps of given arc length, the load factor an unknown.
+"""Arc-length method: equilibrium paths through limit points, with the load factor as an unknown.
 
 M. A. Crisfield, "A fast incremental/iterative solution procedure that handles snap-through", 1981: positions
-and load factor are corrected together until forces balance and the step from the last equilibrium has its
-length. The time of a motion is the load factor times the duration of the run.
+and load factor are corrected together until forces balance and the step from the last equilibrium has the
+given length. The time of a motion is the load factor times the duration of the run.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import ParameterError, SolveError
 from ddgcli.linalg.factor import Factor
-from ddgcli.mechanics.increment import Increment, worst
+from ddgcli.mechanics.increment import Increment, worst_vertex
 from ddgcli.mechanics.objective import MOVE_TOLERANCE, Objective
 from ddgcli.mechanics.system import Motion, System
 from ddgcli.simulation.model import StepRejected
@@ -23,19 +23,17 @@ MAX_CORRECTIONS = 25
 
 
 def arc_step(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
-    """The next equilibrium on the path of loads.
-
-    At load factor 1 exactly where the step would pass it.
+    """Next equilibrium on the load path; at load factor 1 exactly if the step would pass it.
 
     Parameters
     ----------
     system : System
     motion : Motion
-        At an equilibrium.
+        The last equilibrium.
     dt : float
         Step in s, which sets the arc length.
     parameters : object
-        Of the scene: `duration`, `arc_length`, `load_steps`.
+        Section [time] of the scene, with `duration`, `arc_length` and `load_steps`.
 
     Returns
     -------
@@ -45,7 +43,7 @@ def arc_step(system: System, motion: Motion, dt: float, parameters: Any) -> Moti
     Raises
     ------
     StepRejected
-        No convergence; a shorter step may converge.
+        If it does not converge; a shorter step may converge.
     """
     if system.prescribed:
         raise ParameterError("arc_length follows loads, and a handle moves in time; leave one of them out")
@@ -76,21 +74,21 @@ class _Path:
         rate = (self.system.at(time + self.duration).gradient(y) - gradient) / self.duration
         objective = Objective(here)
         matrix = objective.hessian(Increment(0.0, y), y, "exact")
-        rhs = np.stack([objective.entries(-gradient), objective.entries(-rate)], axis=1)
+        rhs = np.stack([objective.gather(-gradient), objective.gather(-rate)], axis=1)
         if not rhs[:, 1].any():
             raise ParameterError("arc_length needs a load: no load of the scene acts on a free vertex")
         with self.system.account.within("solver"):
             try:
                 moves = Factor(matrix).solve(rhs)
             except SolveError as error:
-                raise StepRejected("singular", worst(gradient)) from error
-        return objective.spread(moves[:, 0]), objective.spread(moves[:, 1]), gradient
+                raise StepRejected("singular", worst_vertex(gradient)) from error
+        return objective.scatter(moves[:, 0]), objective.scatter(moves[:, 1]), gradient
 
     def _product(self, a: NDArray, b: NDArray) -> float:
         return float(np.sum(self.weight * a * b))
 
     def predicted(self, time: float, before: NDArray | None) -> tuple[NDArray, float]:
-        """Along the tangent, onwards: in the direction of the last step, or of growing load."""
+        """Positions and time after a tangent step that continues the last step, or increases the load."""
         _, tangent, _ = self._moves(self.x, time)
         scale = self.length / np.sqrt(self._product(tangent, tangent))
         if before is not None and self._product(tangent, before) < 0:
@@ -98,8 +96,8 @@ class _Path:
         return self.x + scale * tangent, time + scale
 
     def corrected(self, y: NDArray, time: float) -> tuple[NDArray, float, int]:
-        """Equilibrium at the length of the step: positions, time, corrections."""
-        enough = MOVE_TOLERANCE * self.system.size
+        """Equilibrium at the given arc length: positions, time, number of corrections."""
+        tolerance = MOVE_TOLERANCE * self.system.size
         for count in range(1, MAX_CORRECTIONS + 1):
             fixed, rate, gradient = self._moves(y, time)
             away = y - self.x
@@ -110,20 +108,20 @@ class _Path:
             move = fixed + s * rate
             size = float(np.abs(move).max())
             if not size <= 10 * self.system.size:
-                raise StepRejected("arc length", worst(gradient), size)
+                raise StepRejected("arc length", worst_vertex(gradient), size)
             y, time = y + move, time + s
-            if size <= enough:
+            if size <= tolerance:
                 return y, time, count
-        raise StepRejected("arc length", worst(gradient), size)
+        raise StepRejected("arc length", worst_vertex(gradient), size)
 
     def at_load(self, y: NDArray, time: float) -> tuple[NDArray, int]:
-        """Equilibrium near `y` at a given time, by Newton's iteration."""
-        enough = MOVE_TOLERANCE * self.system.size
+        """Equilibrium near `y` at a given time, by Newton's method, and the number of iterations."""
+        tolerance = MOVE_TOLERANCE * self.system.size
         for count in range(1, MAX_CORRECTIONS + 1):
             move, _, gradient = self._moves(y, time)
             y, size = y + move, float(np.abs(move).max())
-            if size <= enough:
+            if size <= tolerance:
                 return y, count
             if not size <= 10 * self.system.size:
                 break
-        raise StepRejected("newton", worst(gradient), size)
+        raise StepRejected("newton", worst_vertex(gradient), size)

@@ -1,4 +1,4 @@
-"""Sparse Hessians from element blocks: pattern and scatter are found once, values flow through them."""
+"""Assembly of sparse Hessians from element blocks, with a pattern that is computed once."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from ddgcli.mesh.ragged import unique_keys
 class Assembly:
     """Pattern of a symmetric Hessian over the free coordinates.
 
-    Element blocks are symmetric: only the (3, 3) blocks of vertex pairs i <= j are summed, and the matrix
-    takes both its halves from them.
+    Element blocks are symmetric: only the (3, 3) blocks of vertex pairs i <= j are summed, and both halves of
+    the matrix are copied from them.
 
     Parameters
     ----------
     free : (n, 3) ndarray of bool
     stencils : list of (k, s) ndarrays
-        Vertices of the elements whose blocks will come. Numbers from n on are internal unknowns of a
-        potential, one scalar each, over which its energy is least; they are not shared between potentials,
-        and come last in the matrix.
+        Vertices of the elements whose blocks will be summed. Indices from n on are internal unknowns of a
+        potential, one scalar each, over which its energy is minimised; they are not shared between
+        potentials, and are last in the matrix.
     by_pairs : sequence of bool, optional
-        Of each stencil, whose elements have distinct vertices: its blocks come as those of pairs,
-        see `pair_blocks`. Default: no; they come whole, (k, 3s, 3s).
+        For each stencil, whether its blocks are given by pairs of vertices (see `pair_blocks`; elements must
+        have distinct vertices). By default all are whole element blocks, (k, 3s, 3s).
 
     Attributes
     ----------
@@ -54,8 +54,8 @@ class Assembly:
         del keys
         self._count = len(key)
         self._own = np.searchsorted(key, own)
-        self._gathers = [
-            _gather(np.searchsorted(key, _keys(of(s), len(free))), of(s)[2], s, paired)
+        self._block_sums = [
+            _sums_of_stencil(np.searchsorted(key, _keys(of(s), len(free))), of(s)[2], s, paired)
             for of, s, paired in zip(entries, stencils, by_pairs)
         ]
         low, high = (matrix_indices(index, len(free)) for index in (key % len(free), key // len(free)))
@@ -64,47 +64,47 @@ class Assembly:
 
     @property
     def graph(self) -> csc_array:
-        """Vertices and internal unknowns with those whose blocks they share."""
+        """Matrix of ones with the block pattern: vertices and internal unknowns that share an element."""
         return self._layout.graph()
 
     @property
     def by_vertex(self) -> bool:
-        """Whether the unknowns are the three coordinates of each vertex that is free."""
+        """Whether each vertex has all its coordinates free or none, and there are no internal unknowns."""
         return self._layout.by_vertex
 
     def matrix(self, blocks: Iterable[NDArray], diagonal: NDArray) -> csc_array:
-        """Sum of blocks of elements, in the order of the stencils, plus (n,) numbers times the identity."""
+        """Sum of the element blocks, in the order of the stencils, plus (n,) values on the diagonal."""
         return self._layout.scalar_matrix(self._sums(blocks, diagonal))
 
     def block_matrix(self, blocks: Iterable[NDArray], diagonal: NDArray) -> bsr_array:
-        """`matrix` with (3, 3) blocks, a third less memory; where unknowns are `by_vertex`."""
+        """The `matrix` with (3, 3) blocks, in a third less memory; requires `by_vertex`."""
         return self._layout.block_matrix(self._sums(blocks, diagonal))
 
     def _sums(self, blocks: Iterable[NDArray], diagonal: NDArray) -> NDArray[np.float64]:
         """(3, 3, pairs) blocks of the pairs of vertices."""
         sums = np.zeros((3, 3, self._count))
         whole, blocks = [], iter(blocks)
-        for gather, paired in zip(self._gathers, self.by_pairs):
+        for sums_of, paired in zip(self._block_sums, self.by_pairs):
             block = next(blocks)
             if paired:
                 for i, j in np.ndindex(3, 3):
-                    sums[i, j][gather.pairs] += gather.matrix @ block[i, j].ravel()
+                    sums[i, j][sums_of.pairs] += sums_of.matrix @ block[i, j].ravel()
             else:
-                whole.append((gather, block))
+                whole.append((sums_of, block))
             del block  # before the next one is computed
-        for _ in blocks:  # what else is computed along with them
+        for _ in blocks:  # exhaust the generator, which also collects Hessians without elements
             pass
         if any(self.by_pairs):
             self._subtract_translated(sums)
-        for gather, block in whole:
-            rows = (gather.matrix @ block.reshape(-1, 3)).reshape(-1, 3, 3)
-            sums[:, :, gather.pairs] += rows.transpose(1, 2, 0)
+        for sums_of, block in whole:
+            rows = (sums_of.matrix @ block.reshape(-1, 3)).reshape(-1, 3, 3)
+            sums[:, :, sums_of.pairs] += rows.transpose(1, 2, 0)
         for axis in range(3):
             sums[axis, axis, self._own[: len(diagonal)]] += diagonal
         return sums
 
     def _subtract_translated(self, sums: NDArray) -> None:
-        """Give each vertex minus its blocks with all others: a translation of all of them does nothing."""
+        """Set diagonal blocks to minus the sum of their row, since the energy is translation invariant."""
         for i in range(3):
             for j in range(i, 3):
                 mean = sums[i, i] if i == j else 0.5 * (sums[i, j] + sums[j, i])
@@ -118,20 +118,20 @@ class Assembly:
         """Number of unknowns."""
         return int(np.count_nonzero(self._free)) + self.internal
 
-    def vector(self, v: NDArray) -> NDArray[np.float64]:
-        """Entries of a vector (n, 3) or (n, 3, k) in the matrix; 0 for internal unknowns."""
+    def gather(self, v: NDArray) -> NDArray[np.float64]:
+        """Entries of a vector (n, 3) or (n, 3, k) at the unknowns; 0 for internal unknowns."""
         entries = v[self._free]
         return np.concatenate([entries, np.zeros((self.internal, *entries.shape[1:]))])
 
-    def spread(self, entries: NDArray) -> NDArray[np.float64]:
-        """(n, 3) vector with these entries, 0 at coordinates that are not free."""
+    def scatter(self, entries: NDArray) -> NDArray[np.float64]:
+        """(n, 3) vector from entries at the unknowns, 0 at coordinates that are not free."""
         v = np.zeros(self._free.shape)
         v[self._free] = entries[: len(entries) - self.internal]
         return v
 
 
 def _numbered(stencils: list[NDArray], n: int) -> tuple[list[NDArray], int]:
-    """Stencils whose internal unknowns are numbered one after another, and the number of these."""
+    """Stencils whose internal unknowns have consecutive indices, and the number of internal unknowns."""
     numbered, count = [], 0
     for stencil in stencils:
         numbered.append(np.where(stencil >= n, stencil + count, stencil) if count else stencil)
@@ -140,9 +140,9 @@ def _numbered(stencils: list[NDArray], n: int) -> tuple[list[NDArray], int]:
 
 
 def _sub_blocks(stencil: NDArray) -> tuple[NDArray, NDArray, NDArray]:
-    """Vertices i <= j of (3, 3) sub-blocks of whole blocks, and their first rows.
+    """Vertices i <= j of the (3, 3) sub-blocks of whole element blocks, and index of their first row.
 
-    Rows of three numbers are counted; the next rows of a sub-block are s further on.
+    Indices count rows of three values; the next row of a sub-block has an index greater by s.
     """
     k, s = stencil.shape
     i, j = np.repeat(stencil, s, axis=1).ravel(), np.tile(stencil, (1, s)).ravel()
@@ -152,31 +152,31 @@ def _sub_blocks(stencil: NDArray) -> tuple[NDArray, NDArray, NDArray]:
 
 
 def _pairs(stencil: NDArray) -> tuple[NDArray, NDArray, NDArray]:
-    """Vertices i < j of the blocks of pairs, and the numbers of these blocks."""
+    """Vertices i < j of the blocks of pairs, and the indices of these blocks."""
     ends = [np.sort(stencil[:, pair], axis=1) for pair in map(list, vertex_pairs(stencil.shape[1]))]
     low, high = np.concatenate(ends).T
     return low, high, np.arange(len(low))
 
 
 def _keys(entries: tuple[NDArray, NDArray, NDArray], n: int) -> NDArray[np.int64]:
-    """One number for each pair of vertices."""
+    """Key of each pair of vertices, ascending by column, then by row."""
     low, high, _ = entries
     return high * np.int64(n) + low
 
 
 class _BlockSums(NamedTuple):
-    """Sums of blocks of elements: to which pairs of vertices they belong, and a matrix of ones."""
+    """Summation of element blocks by pairs of vertices: the pairs, and a matrix of ones that sums."""
 
     pairs: slice | NDArray[np.int64]
     matrix: csr_array
 
 
-def _gather(pair: NDArray, first: NDArray, stencil: NDArray, paired: bool) -> _BlockSums:
-    """`_BlockSums` of the blocks of a stencil, whose pairs and `first` entries are given."""
+def _sums_of_stencil(pair: NDArray, first: NDArray, stencil: NDArray, paired: bool) -> _BlockSums:
+    """`_BlockSums` of a stencil, from the pair and the first row of each block."""
     begin, end = int(pair.min(initial=0)), int(pair.max(initial=-1)) + 1
     count = np.bincount(pair - begin, minlength=end - begin)
     pairs: slice | NDArray = slice(begin, end)
-    if np.count_nonzero(count) < 0.5 * len(count):  # far from each other
+    if np.count_nonzero(count) < 0.5 * len(count):  # a slice would contain mostly other pairs
         present = np.flatnonzero(count)
         pairs, count = begin + present, count[present]
     order = np.argsort(pair, kind="stable")
@@ -187,18 +187,18 @@ def _gather(pair: NDArray, first: NDArray, stencil: NDArray, paired: bool) -> _B
 
 
 def _pair_sums(order: NDArray, count: NDArray) -> csr_array:
-    """(pairs, size) matrix of ones that sums blocks of elements' pairs to the blocks of the pairs."""
+    """(pairs, size) matrix of ones that sums the pair blocks of the elements by pairs of vertices."""
     ends = np.concatenate([[0], np.cumsum(count)]).astype(np.int32)
     return csr_array((ones(len(order)), order.astype(np.int32), ends), shape=(len(count), len(order)))
 
 
 def _row_sums(first: NDArray, count: NDArray, step: int, size: int) -> csr_array:
-    """(3 pairs, size) matrix of ones that sums rows of sub-blocks to the rows of the pairs' (3, 3) blocks."""
+    """(3 pairs, size) matrix of ones that sums rows of sub-blocks by rows of the pairs' (3, 3) blocks."""
     begin = np.concatenate([[0], np.cumsum(count)])[:-1]
     # the three rows of a pair follow each other: entry k of row a is at 3 begin + a count + k
-    place = 2 * np.repeat(begin, count) + np.arange(len(first))
+    position = 2 * np.repeat(begin, count) + np.arange(len(first))
     columns = np.empty(3 * len(first), dtype=np.int32)
     for row in range(3):
-        columns[place + row * np.repeat(count, count)] = first + row * step
+        columns[position + row * np.repeat(count, count)] = first + row * step
     ends = np.concatenate([[0], np.cumsum(np.repeat(count, 3))]).astype(np.int32)
     return csr_array((ones(len(columns)), columns, ends), shape=(3 * len(count), size))

@@ -1,10 +1,10 @@
-"""Asynchronous steps: each element of a potential is evaluated as often as its own stability needs.
+"""Asynchronous variational integrator: each element of a potential has a step of its own.
 
 A. Lew, J. E. Marsden, M. Ortiz, M. West, "Asynchronous variational integrators", 2003: the discrete action
-sums the energies of the elements, each at its own times, and its stationarity gives every vertex impulses
--h_K dV_K/dx at the times of the elements around it, between which it moves uniformly. Here the steps of the
-elements are dt / 2^k, so that all elements of one k act at once, and each acts with half an impulse at both
-ends of dt: the scheme is symmetric, of order 2, and velocity Verlet where all elements have the same step.
+sums the energies of the elements, each at its own times. Its stationarity gives every vertex the impulses
+-h_K dV_K/dx at the times of its elements, between which it moves uniformly. Here the steps of the elements
+are dt / 2^k, so that all elements with the same k act at the same times, and each acts with half an impulse
+at both ends of dt: the scheme is symmetric, of order 2, and velocity Verlet if all elements have the same k.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from ddgcli.mechanics.stability import stable_step
 from ddgcli.mechanics.system import Motion, System
 from ddgcli.mechanics.terms import Potential
 
-SAFETY = 0.8  # of an element's own limit: its neighbours have other steps
-MAX_LEVEL = 14  # dt / 16384
+SAFETY = 0.8  # factor on the stability limit of an element, because its neighbours have other steps
+MAX_LEVEL = 14  # the shortest steps are dt / 2^14
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,10 +30,12 @@ class Batch:
 
     Parameters
     ----------
-    potential : Potential, or a term that is one at each time
-        Of these elements, over `rows` alone.
+    potential : Potential, or a term whose `at` returns one
+        Potential of these elements, as a function of the positions of `rows`.
     rows : (k,) ndarray of int, or None for all
-        Their vertices.
+        Vertices of these elements.
+    name : str
+        Name of the effect.
     """
 
     potential: Any
@@ -41,7 +43,7 @@ class Batch:
     name: str
 
     def add(self, x: NDArray, time: float, total: NDArray) -> None:
-        """Add the gradient at x to (n, 3) numbers."""
+        """Add the gradient at x to `total` (n, 3)."""
         if self.rows is None:
             total += (self.potential if self.potential.at is None else self.potential.at(time)).gradient(x)
         else:
@@ -50,7 +52,7 @@ class Batch:
 
 @dataclass(frozen=True, eq=False)
 class Levels:
-    """Batches by their step: those of `batches[k]` act every dt / 2^k."""
+    """Batches by step: those of `batches[k]` act every dt / 2^k; `terms` are the terms of the system."""
 
     terms: tuple[Any, ...]
     batches: list[list[Batch]]
@@ -82,14 +84,14 @@ def step(system: System, motion: Motion, dt: float) -> tuple[NDArray, NDArray]:
     x, v = motion.x, motion.v
     for k in range(count + 1):
         here = system.at(motion.time + k * small)
-        impulse = np.zeros_like(v)  # of half a short step
+        impulse = np.zeros_like(v)  # of half a step of each element that acts now
         for level, batches in enumerate(levels.batches):
             every = 2 ** (finest - level)
             if k % every == 0 and batches:
                 impulse += (0.5 * every * small) * weight * _gradient(here, batches, x, k, count)
         if k > 0:
             v = v - impulse
-        if system.dissipations:  # between both halves, also of two steps: the scheme is symmetric
+        if system.dissipations:  # between the two half impulses, so that the scheme is symmetric
             v = _dragged(here, x, v, small * (0.5 if k in (0, count) else 1.0), weight)
         if k < count:
             v = v - impulse
@@ -98,9 +100,10 @@ def step(system: System, motion: Motion, dt: float) -> tuple[NDArray, NDArray]:
 
 
 def _gradient(system: System, batches: list[Batch], x: NDArray, k: int, count: int) -> NDArray[np.float64]:
-    """(n, 3) gradient of some elements; that at the end of a step is kept for the start of the next.
+    """(n, 3) gradient of some elements; the one at the end of a step is cached for the start of the next.
 
-    At the start of a run, or of a resumed one, it is computed but not counted, so that both count alike.
+    At the start of a run or of a resumed run it is computed but not counted, so that both report the same
+    number of calls.
     """
     cached = system.cache.get("asynchronous gradients", (None, {}))
     if cached[0] is x and id(batches) in cached[1]:
@@ -117,13 +120,13 @@ def _gradient(system: System, batches: list[Batch], x: NDArray, k: int, count: i
 
 
 def _dragged(system: System, x: NDArray, v: NDArray, h: float, weight: NDArray) -> NDArray[np.float64]:
-    """Velocities after drag over h, by Heun's method."""
+    """Velocities after drag during a time h, by Heun's method."""
     first = weight * system.drag(x, v, h)
     return v - 0.5 * h * (first + weight * system.drag(x, v - h * first, h))
 
 
 def evaluations(system: System, dt: float) -> tuple[float, int]:
-    """Work of a step: evaluations of each element in the mean, and the number of its shortest steps.
+    """Cost of a step: mean number of evaluations of an element, and number of shortest steps.
 
     Parameters
     ----------
@@ -134,9 +137,9 @@ def evaluations(system: System, dt: float) -> tuple[float, int]:
     Returns
     -------
     mean : float
-        Over the elements of all potentials.
+        Mean over the elements of all potentials.
     shortest : int
-        2 to the number of levels below the longest steps.
+        2 to the power of the finest level.
     """
     batches = levels_of(system, dt).batches
     potentials = [[b.potential for b in level if isinstance(b.potential, Potential)] for level in batches]
@@ -148,19 +151,19 @@ def evaluations(system: System, dt: float) -> tuple[float, int]:
 
 
 def levels_of(system: System, dt: float) -> Levels:
-    """Batches of a system's potentials for steps of length dt, found at the positions of its start.
+    """Batches of a system's potentials for steps of length dt, from the stiffness at its initial positions.
 
     Raises
     ------
     SolveError
-        An element needs a step more than 2^14 times shorter.
+        If an element needs steps more than 2^14 times shorter.
     """
     stored = system.cache.setdefault("asynchronous", {})
     levels = stored.get(dt)
     if levels is None or not _same(levels.terms, system.terms):
         calls = dict(system.account.calls)
-        levels = stored[dt] = _divided(system, dt)
-        system.account.calls = calls  # once in a run, and once more where it is resumed
+        levels = stored[dt] = _assign_levels(system, dt)
+        system.account.calls = calls  # a resumed run computes the levels again, but reports the same calls
     return levels
 
 
@@ -168,16 +171,16 @@ def _same(a: tuple[Any, ...], b: tuple[Any, ...]) -> bool:
     return len(a) == len(b) and all(p is q for p, q in zip(a, b))
 
 
-def _divided(system: System, dt: float) -> Levels:
-    """Levels from the limit of the whole system, which the stiffest vertex has, and bounds of the others.
+def _assign_levels(system: System, dt: float) -> Levels:
+    """Assign each element a level from the stability limit of the system and bounds of the rates of vertices.
 
-    The rate of a vertex is bounded by the sum of the rows of the Hessian over its mass (Gershgorin); an
-    element has that of its stiffest vertex.
+    The rate of a vertex is bounded by the row sums of the Hessian over its mass (Gershgorin). An element has
+    the largest rate of its vertices, and the element with the largest rate of all has the system's limit.
     """
 
     x = np.asarray(system.start)
     limit = stable_step(system, x, 2.0)
-    rate = sum((b.stiffest(x) for b in system.barriers), np.zeros(len(x))) / system.mass
+    rate = sum((b.expected_stiffness(x) for b in system.barriers), np.zeros(len(x))) / system.mass
     for p in system.potentials:
         if p.subset is not None:
             rows = np.abs(p.blocks(x, "material")).sum(axis=2)
@@ -192,7 +195,7 @@ def _divided(system: System, dt: float) -> Levels:
         if not isinstance(potential, Potential):
             continue
         if potential is not term or potential.subset is None or not largest > 0:
-            # a dead load acts alike at any time; of others nothing is known but the limit of the whole
+            # dead loads are constant, so any step will do; for other terms only the system's limit is known
             batches[0 if potential.is_dead else finest].append(Batch(term, None, potential.name))
             continue
         own = rate[potential.stencil].max(axis=1)

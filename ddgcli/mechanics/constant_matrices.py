@@ -1,4 +1,4 @@
-"""Implicit steps of linear systems: one solve with a matrix that never changes."""
+"""Implicit steps of linear systems: one solve with a constant matrix."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from scipy.sparse import csc_array, diags_array
 from ddgcli.linalg.factor import REFINEMENT_TOLERANCE, Factor
 from ddgcli.mechanics.system import System
 
-MAX_MATRICES = 8  # factorisations that are kept, of steps of different lengths
+MAX_MATRICES = 8  # cached factorisations, for different step lengths
 
 
 class ConstantMatrices:
-    """Factorisations of the masses plus the matrices of the potentials, which are quadratic axis by axis."""
+    """Factorisations of masses plus stiffness, for potentials that are quadratic with one matrix per axis."""
 
     def __init__(self) -> None:
         self._matrices: dict[float, _ConstantMatrix] = {}
 
     def minimiser(self, system: System, a: float, target: NDArray, y: NDArray) -> NDArray[np.float64]:
-        """The minimiser of a/2 |y - target|_M^2 plus the potentials, (n, 3) and equal to `y` where held."""
+        """(n, 3) minimiser of a/2 |y - target|_M^2 plus the potentials; held coordinates are those of `y`."""
         gradient = system.full_gradient(y)
         with system.account.within("solver"):
             if a not in self._matrices:
@@ -33,7 +33,7 @@ class _ConstantMatrix:
     """The matrix of one axis for one step length, factorised.
 
     One scalar matrix serves the three axes: the unknowns of an axis are not coupled to those of the others.
-    Whether its solutions need refinement is decided once, by a given right-hand side.
+    Whether its solutions need refinement is decided once, with a random right-hand side.
     """
 
     def __init__(self, system: System, a: float) -> None:
@@ -43,7 +43,7 @@ class _ConstantMatrix:
             if len(potential.stencil):
                 whole = whole + potential.matrix
         free = system.free[:, 0]
-        # held vertices keep a row of their own, so that nothing is gathered or spread in a step
+        # held vertices have a diagonal row, so that no step gathers or scatters unknowns
         coupled = csc_array(diags_array(free.astype(float)) @ whole @ diags_array(free.astype(float)))
         coupled.eliminate_zeros()
         matrix = csc_array(coupled + diags_array(np.where(free, 0.0, a * system.mass)))

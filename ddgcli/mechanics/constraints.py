@@ -1,9 +1,9 @@
 """Edges of constant length: holonomic constraints of explicit steps, with their multipliers.
 
 RATTLE [H. C. Andersen, "RATTLE: a velocity version of the SHAKE algorithm for molecular dynamics
-calculations", 1983]: velocity Verlet whose positions satisfy |x_b - x_a| = l and whose velocities are tangent
-to that. It is the variational scheme of the discrete action with the constraints at every step, so it keeps
-momenta to rounding and energy without drift, as Verlet does.
+calculations", 1983] is velocity Verlet with positions that satisfy |x_b - x_a| = l and velocities tangent to
+these constraints. It is the variational scheme of the discrete action with constraints at every step, so it
+conserves momenta to rounding, and energy without drift, as Verlet does.
 """
 
 from __future__ import annotations
@@ -24,8 +24,9 @@ from ddgcli.simulation.model import StepRejected
 if TYPE_CHECKING:
     from ddgcli.mechanics.system import Motion, System
 
-MAX_CORRECTIONS = 60  # of the positions of a step; each gains a factor of the angle that it turns by
-# of an eigenvalue of the constraints' matrix over the largest, below which some of them are redundant
+# corrections of the positions in a step; each reduces the error by a factor of the angle of rotation
+MAX_CORRECTIONS = 60
+# eigenvalue of the matrix of the constraints over the largest one, below which a constraint is redundant
 REDUNDANCE = 1e-12
 
 
@@ -37,9 +38,9 @@ class RigidEdges(Constraint):
     ----------
     edges : (e, 2) ndarray of int
     length : (e,) ndarray
-        m.
+        In m.
     name : str
-        Of the effect.
+        Name of the effect.
     """
 
     edges: NDArray[np.int64]
@@ -47,7 +48,7 @@ class RigidEdges(Constraint):
     name: str = "rigid"
 
     def span(self, x: NDArray) -> NDArray[np.float64]:
-        """(e, 3) vectors along the edges, over their lengths at rest."""
+        """(e, 3) edge vectors, divided by the rest lengths."""
         return (x[self.edges[:, 1]] - x[self.edges[:, 0]]) / self.length[:, None]
 
     def excess(self, x: NDArray) -> NDArray[np.float64]:
@@ -56,7 +57,7 @@ class RigidEdges(Constraint):
         return 0.5 * (row_dot(span, span) - 1.0)
 
     def jacobian(self, x: NDArray) -> csr_array:
-        """(e, 3 n) derivatives of `excess` in the positions, times the lengths."""
+        """(e, 3 n) derivatives of `excess` by the positions, times the lengths."""
         count, span = len(self.edges), self.span(x)
         columns = 3 * self.edges[:, :, None] + np.arange(3)
         values = np.stack([-span, span], axis=1)
@@ -73,17 +74,17 @@ class RigidEdges(Constraint):
         return {"rigid_error": float(error.max()), "rigid_force": float(np.abs(tension).max())}
 
     def rounding(self, x: NDArray) -> NDArray[np.float64]:
-        """(e,) excess that rounded positions leave."""
+        """(e,) excess due to rounding of the positions."""
         return 8 * np.finfo(float).eps * (1 + np.abs(x).max() / self.length)
 
 
 class Projection:
-    """Solver of a system's constraints at given positions.
+    """Solver for the constraints of a system at given positions.
 
     Raises
     ------
     SolveError
-        Some constraints are redundant there.
+        If some constraints are redundant there.
     """
 
     def __init__(self, system: System, edges: RigidEdges, x: NDArray) -> None:
@@ -96,7 +97,7 @@ class Projection:
         self.factor = Factor(matrix)
 
     def impulse(self, multipliers: NDArray) -> NDArray[np.float64]:
-        """(n, 3) velocities that multipliers in N s give."""
+        """(n, 3) changes of velocity by multipliers in N s."""
         return -(self.weight * (self.jacobian.T @ multipliers)).reshape(self.x.shape)
 
     def tangent(self, v: NDArray) -> tuple[NDArray, NDArray]:
@@ -107,7 +108,7 @@ class Projection:
         return v + self.impulse(again), multipliers + again
 
     def drifted(self, x: NDArray, v: NDArray, dt: float, guess: NDArray) -> tuple[NDArray, NDArray]:
-        """Velocities v with the impulses that bring x + dt v to constant lengths, and the multipliers."""
+        """Velocities v plus the impulses for which x + dt v keeps the lengths, and the multipliers."""
         edges, multipliers = self.edges, guess
         for _ in range(MAX_CORRECTIONS):
             end = x + dt * (v + self.impulse(multipliers))
@@ -122,7 +123,7 @@ class Projection:
 
 
 def projection(system: System, edges: RigidEdges, x: NDArray) -> Projection:
-    """The projection at x; the last one is kept: a step ends where the next begins."""
+    """The projection at x; the last one is cached, because a step ends where the next one starts."""
     last = system.cache.get("projection")
     if last is None or last.x is not x:
         try:
@@ -133,7 +134,7 @@ def projection(system: System, edges: RigidEdges, x: NDArray) -> Projection:
 
 
 def redundant(system: System, edges: RigidEdges, x: NDArray) -> int:
-    """Number of rigid edges whose lengths follow from the others, to the first order.
+    """Number of rigid edges whose lengths follow from the others, to first order.
 
     Parameters
     ----------
@@ -162,7 +163,7 @@ def rattle(system: System, motion: Motion, dt: float) -> tuple[Any, ...]:
     Parameters
     ----------
     system : System
-        With one constraint.
+        A system with one constraint.
     motion : Motion
     dt : float
         In s.

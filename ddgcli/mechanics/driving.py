@@ -1,4 +1,4 @@
-"""Work and forces of what drives a system from outside: handles, loads that change in time, wind."""
+"""External work and forces on a system: handles, time-dependent loads, wind, obstacles, supports."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ def driving_work(
     acts_at: ActsAt = "ends",
     pushes_at: ActsAt = "ends",
 ) -> float:
-    """Work that a step adds to kinetic and potential energy from outside, by the trapezoidal rule.
+    """External work of a step on the kinetic and potential energy, by the trapezoidal rule.
 
-    The sum of three terms: the reaction forces of prescribed vertices along their path, with the change of
-    their kinetic energy; the change of potentials in time at fixed positions; and what moving air adds.
+    The sum of three terms: the work of the reaction forces of prescribed vertices, with the change of their
+    kinetic energy; the change of potentials in time at fixed positions; and the work of moving air.
 
     Parameters
     ----------
@@ -34,12 +34,12 @@ def driving_work(
     dt : float
         In s.
     later : System, optional
-        At the memory of the end; by default `system`.
+        The system with the memory at the end of the step; by default `system`.
     acts_at : {'ends', 'end', 'middle'}
-        Where the scheme takes its forces: those of friction, which change at once where a body lands, are
-        taken there.
+        Where the scheme evaluates forces. Those of friction, which change abruptly when a body lands, are
+        evaluated there.
     pushes_at : {'ends', 'end', 'middle'}
-        Where those of moving obstacles are taken, see `obstacle_work`.
+        Where the forces of moving obstacles are evaluated, see `obstacle_work`.
 
     Returns
     -------
@@ -83,8 +83,8 @@ def driving_work(
 def reactions(system: System, motion: Motion, dt: float) -> dict[str, tuple[NDArray, NDArray]]:
     """Force and moment that each pin and handle exerts on the object.
 
-    The force is mass times acceleration plus the gradient of the potentials and of the dissipation, over the
-    coordinates of the support; a coordinate of two supports counts for the first.
+    The force is mass times acceleration plus the gradients of the potentials and of the dissipation, summed
+    over the coordinates of the support; a coordinate of two supports counts for the first one.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def reactions(system: System, motion: Motion, dt: float) -> dict[str, tuple[NDAr
 
 
 def _couples(system: System, x: NDArray) -> tuple[NDArray, NDArray]:
-    """((c, 2) vertices, (c, 3) moments) of the supports on directions of edges that they hold."""
+    """Edges (c, 2) whose direction supports hold, and moments (c, 3) of the supports on them."""
     couples = [p.couples(x) for p in system.potentials if p.couples is not None]
     ends = [np.zeros((0, 2), dtype=np.int64), *(e for e, _ in couples)]
     return np.concatenate(ends), np.concatenate([np.zeros((0, 3)), *(moment for _, moment in couples)])

@@ -1,4 +1,4 @@
-"""Terms of one object as terms of a system of several objects, whose vertices are concatenated."""
+"""Embedding of the terms of one object in a system of several objects, whose vertices are concatenated."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Rows:
         self._last: tuple[NDArray, NDArray] | None = None
 
     def of(self, x: NDArray) -> NDArray[np.float64]:
-        """The object's part of (n, ...) values: one array for one array, for terms with a memory."""
+        """The rows of the object in (n, ...) values; the same input gives the same array, for caches."""
         if self._last is None or self._last[0] is not x:
             self._last = x, x[self.rows]
         return self._last[1]
@@ -45,19 +45,19 @@ class Rows:
         return total
 
     def padded_matrix(self, matrix: Any, size: int = 1) -> Any:
-        """(size n, size n) sparse array with zeros outside the object; `size` rows a vertex."""
+        """(size n, size n) sparse array with zeros outside the object; `size` rows per vertex."""
         entries, first, whole = matrix.tocoo(), size * self.start, size * self.n
         place = (entries.row + first, entries.col + first)
         return type(entries)((entries.data, place), shape=(whole, whole)).tocsc()
 
-    def numbers(self, stencil: NDArray) -> NDArray[np.int64]:
-        """A stencil of the object with the numbers of the system."""
-        # behind the vertices come internal unknowns of the term
+    def indices(self, stencil: NDArray) -> NDArray[np.int64]:
+        """A stencil of the object with the indices of the system."""
+        # the indices after those of the vertices are internal unknowns of the term
         return np.where(stencil < self.count, stencil + self.start, stencil - self.count + self.n)
 
 
 class EmbeddedTerm(Term):
-    """A term of one object in a system; a member that the object's term does not have is None here, too."""
+    """A term of one object in a system; optional members that the term lacks are None here, too."""
 
     def __init__(self, own_term: Any, rows: Rows) -> None:
         self._own_term, self.rows = own_term, rows
@@ -67,7 +67,7 @@ class EmbeddedTerm(Term):
                 setattr(self, name, value)
         self.vertices = rows.rows
         if isinstance(own_term, Potential | Dissipation):
-            self.name, self.stencil = own_term.name, rows.numbers(own_term.stencil)
+            self.name, self.stencil = own_term.name, rows.indices(own_term.stencil)
         if isinstance(own_term, Potential) and own_term.matrix is not None:
             self.matrix = rows.padded_matrix(own_term.matrix)
 
@@ -92,7 +92,7 @@ class EmbeddedPotential(EmbeddedTerm, Potential):
         return self.own_term.blocks(self.rows.of(x), mode)
 
     def pair_blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
-        # its vertices keep their order in the system
+        # valid because the vertices of an object keep their order in the system
         return self.own_term.pair_blocks(self.rows.of(x), mode)
 
     def hessian(self, x: NDArray, mode: Mode) -> Any:
@@ -127,15 +127,15 @@ class EmbeddedPotential(EmbeddedTerm, Potential):
 class EmbeddedBarrier(EmbeddedPotential, BarrierPotential):
     """A barrier of one object in a system."""
 
-    def longest(self, x: NDArray, move: NDArray) -> float:
-        return self.own_term.longest(self.rows.of(x), move[self.rows.rows])
+    def collision_free_fraction(self, x: NDArray, move: NDArray) -> float:
+        return self.own_term.collision_free_fraction(self.rows.of(x), move[self.rows.rows])
 
     def outside(self, x: NDArray) -> tuple[int, float] | None:
         crossed = self.own_term.outside(self.rows.of(x))
         return None if crossed is None else (crossed[0] + self.rows.start, crossed[1])
 
-    def stiffest(self, x: NDArray) -> NDArray[np.float64]:
-        own = self.own_term.stiffest(self.rows.of(x))
+    def expected_stiffness(self, x: NDArray) -> NDArray[np.float64]:
+        own = self.own_term.expected_stiffness(self.rows.of(x))
         return self.rows.padded(np.broadcast_to(own, (self.rows.count,)))
 
     def crosses(self, before: NDArray, after: NDArray) -> bool:
@@ -196,7 +196,7 @@ class EmbeddedPlasticMemory(EmbeddedMemory, PlasticMemory):
         return self.memory.quasi_static(self.rows.of(x), before, after)
 
     def carried(self, before: EmbeddedPlasticMemory, memory: Arrays, rows: NDArray) -> Arrays:
-        """Memory of another mesh of the object, whose vertices in the earlier system are `rows`."""
+        """Memory after a change of the object's mesh; `rows` are indices of its vertices before."""
         return self.memory.carried(before.memory, memory, rows[self.rows.rows] - before.rows.start)
 
 
@@ -205,7 +205,7 @@ KINDS: dict[type, type[EmbeddedTerm]] = {
     Potential: EmbeddedPotential,
     Dissipation: EmbeddedDissipation,
     Term: EmbeddedTerm,
-}  # the first that a term has
+}  # the first type of a term in this order counts
 
 
 def embedded(own_term: Any, rows: Rows) -> Any:
@@ -228,12 +228,12 @@ def embedded(own_term: Any, rows: Rows) -> Any:
 
 
 def terms_of_rows(terms: list[Any], rows: slice) -> list[Any]:
-    """Terms of one object among those of a system, without their embedding.
+    """Terms of one object in a system, without their embedding.
 
     Parameters
     ----------
     terms : list
-        Of the system.
+        Terms of the system.
     rows : slice
         Vertices of the object.
 
@@ -245,14 +245,14 @@ def terms_of_rows(terms: list[Any], rows: slice) -> list[Any]:
 
 
 def embedded_terms(own_terms: list[Any], rows: Rows) -> list[Any]:
-    """All terms of one object as terms of a system of several; memories with the terms that they replace.
+    """All terms of one object as terms of a system of several; memories refer to the embedded terms.
 
     Parameters
     ----------
     own_terms : list
-        Of the object.
+        Terms of the object.
     rows : Rows
-        Its vertices.
+        Vertices of the object.
 
     Returns
     -------

@@ -16,9 +16,10 @@ from ddgcli.mechanics.system import Motion, System
 from ddgcli.mesh.vectors import row_dot
 from ddgcli.simulation.model import Cause, StepRejected
 
-# of the available energy: how far the balance may exceed its minimum, and how far a step may drop it
-MAX_ENERGY_RISE, MAX_ENERGY_FALL = 0.01, 0.1
-# of the available energy, that impulses give back; a step of implicit Euler that gains more is halved
+MAX_ENERGY_RISE = 0.01  # balance above its minimum, over the available energy
+MAX_ENERGY_FALL = 0.1  # decrease of the balance in a step, over the available energy
+# gain over the available energy up to which it is removed by scaling impulses; implicit Euler halves steps
+# that gain more
 MAX_GAIN_OF_IMPULSES = 1e-3
 
 
@@ -26,9 +27,9 @@ MAX_GAIN_OF_IMPULSES = 1e-3
 class StoredEnergy:
     """Energy in J of the nonlinear potentials at given positions, and its gradient (n, 3).
 
-    Moments, whose energy is approximate, count as loads.
-    `scale` is the sum of the absolute energies: that of a pressure is negative. `force` is the sum of the
-    absolute forces of the potentials on the coordinates, in N.
+    Moments, whose energy is only approximate, count as loads.
+    `scale` is the sum of the absolute energies, because that of a pressure is negative. `force` is the sum of
+    the absolute forces of the potentials on the coordinates, in N.
     """
 
     energy: float
@@ -77,13 +78,13 @@ def balanced(
     dt: float,
     fall: float | None = None,
 ) -> Motion:
-    """The motion after a step, with what it adds to the balance of energy.
+    """The motion after a step, with its energy balance checked and updated.
 
-    The balance is kinetic and potential energy plus what friction, damping and loads took or gave; only the
-    scheme's quadrature moves it. It goes up and down a little where the step resolves the motion; where waves
-    faster than the step meet stiff and nonlinear terms it climbs without end [D. Kuhl and M. Crisfield,
-    "Energy-conserving and decaying algorithms in non-linear structural dynamics", 1999]; and it drops where a
-    step leaps into a barrier.
+    The balance is kinetic and potential energy plus the energy that friction, damping and loads removed or
+    added; only the scheme's quadrature changes it. It oscillates slightly if the step resolves the motion. It
+    grows without bound if waves faster than the step meet stiff nonlinear terms [D. Kuhl and M. Crisfield,
+    "Energy-conserving and decaying algorithms in non-linear structural dynamics", 1999], and it decreases if
+    a step enters a barrier too far.
 
     Parameters
     ----------
@@ -112,31 +113,31 @@ def balanced(
     if not system.free.any():  # the work of rounded forces along the whole motion is no gain of a free vertex
         return after
     change = end.energy - start.energy + work
-    at_hand, least = _scales(system, before, after, start, end, dt)
+    available, least = _scales(system, before, after, start, end, dt)
     above = max(0.0, before.balance_excess + change)
-    if change > least and above > MAX_ENERGY_RISE * at_hand + least:
-        raise StepRejected("energy rises", value=above / at_hand, solved=True)
-    if change < -(MAX_ENERGY_FALL * at_hand if fall is None else fall) - least:
-        raise StepRejected("energy falls", value=change / at_hand, solved=True)
+    if change > least and above > MAX_ENERGY_RISE * available + least:
+        raise StepRejected("energy rises", value=above / available, solved=True)
+    if change < -(MAX_ENERGY_FALL * available if fall is None else fall) - least:
+        raise StepRejected("energy falls", value=change / available, solved=True)
     return Motion(after.x, after.v, after.a, after.newton, above)
 
 
 def _scales(
     system: System, before: Motion, after: Motion, start: StoredEnergy, end: StoredEnergy, dt: float
 ) -> tuple[float, float]:
-    """Joules available in a step, and joules that the iteration and rounding may leave.
+    """Available energy in a step, and error due to Newton's method and rounding, in J.
 
     Raises StepRejected where these are not finite: comparisons with them would accept any step.
     """
-    at_hand = max(kinetic(system, before.v) + start.scale, kinetic(system, after.v) + end.scale)
-    # what the iteration may leave, as speed; and rounding, with the forces of the step (those of barriers)
+    available = max(kinetic(system, before.v) + start.scale, kinetic(system, after.v) + end.scale)
+    # the move that Newton's method leaves, as a speed; and rounding, with the forces of the step (of barriers)
     unresolved = float(system.mass.sum()) * (MOVE_TOLERANCE * system.size / dt) ** 2
     at_start = system.rounding
     rounding = replace(at_start, force=max(at_start.force, start.force, end.force))
-    least = unresolved + rounding.energy(dt) + sum_rounding(at_hand, len(system.mass))
+    least = unresolved + rounding.energy(dt) + sum_rounding(available, len(system.mass))
     if not np.isfinite(least):
         raise StepRejected(Cause.NOT_FINITE, "the tolerance of the energy balance", least)
-    return at_hand, least
+    return available, least
 
 
 def without_gain(
@@ -148,15 +149,15 @@ def without_gain(
     pushed: float,
     dt: float,
 ) -> Motion:
-    """The motion after a step of implicit Euler, whose forces give no more energy than the potentials lose.
+    """The motion after a step of implicit Euler, without energy that the potentials did not lose.
 
-    With the force F of the end, the step adds to the balance of energy what the potentials gain over their
-    tangent at the end, less the kinetic energy of the change of velocity. Convex potentials lie above their
-    tangent, so they only lose. Where a shell buckles, or slides off an obstacle by more than the range of the
-    barrier in a step, the force of the end, which pushes along the way, gives work that was never stored.
-    Then the impulses of the nonlinear potentials are scaled by one factor, so that the balance does not
-    change. Forces that sum to zero still do, and so do their moments: momenta stay as they are. What no
-    factor between 0 and 2 can take is left to the steps that follow.
+    The step evaluates the force at its end. This adds to the energy balance the distance of the potentials
+    from their tangent at the end, minus the kinetic energy of the change of velocity. Convex potentials lie
+    above their tangent, so they only lose energy. If a shell buckles, or slides off an obstacle by more than
+    the range of the barrier in a step, the force at the end does work that was never stored. Then the
+    impulses of the nonlinear potentials are scaled by one factor, so that the balance does not change. Forces
+    and moments that sum to zero still do: momenta are conserved. A gain that no factor between 0 and 2 can
+    remove is left to the next steps.
 
     Parameters
     ----------
@@ -183,13 +184,13 @@ def without_gain(
     path, change = after.x - before.x, system.only_free(after.v - before.v)
     force = np.where(system.free, end.gradient, 0.5 * (start.gradient + end.gradient))
     gain = end.energy - start.energy - float(np.vdot(force, path)) - kinetic(system, change) - pushed
-    at_hand, least = _scales(system, before, after, start, end, dt)
+    available, least = _scales(system, before, after, start, end, dt)
     above = max(0.0, before.balance_excess + gain)
-    if gain > MAX_GAIN_OF_IMPULSES * at_hand + least:
-        raise StepRejected("energy rises", value=gain / at_hand, solved=True)
+    if gain > MAX_GAIN_OF_IMPULSES * available + least:
+        raise StepRejected("energy rises", value=gain / available, solved=True)
     if not above > least:
         return Motion(after.x, after.v, after.a, after.newton, above)
-    return _drained(system, after, end, above, dt)
+    return _with_reduced_impulses(system, after, end, above, dt)
 
 
 def without_excess(system: System, before: Motion, after: Motion, end: StoredEnergy, dt: float) -> Motion:
@@ -212,13 +213,15 @@ def without_excess(system: System, before: Motion, after: Motion, end: StoredEne
     -------
     Motion
     """
-    at_hand = max(kinetic(system, before.v), kinetic(system, after.v))
-    if not after.balance_excess > MAX_GAIN_OF_IMPULSES * at_hand:
+    available = max(kinetic(system, before.v), kinetic(system, after.v))
+    if not after.balance_excess > MAX_GAIN_OF_IMPULSES * available:
         return after
-    return _drained(system, after, end, after.balance_excess, dt)
+    return _with_reduced_impulses(system, after, end, after.balance_excess, dt)
 
 
-def _drained(system: System, after: Motion, end: StoredEnergy, above: float, dt: float) -> Motion:
+def _with_reduced_impulses(
+    system: System, after: Motion, end: StoredEnergy, above: float, dt: float
+) -> Motion:
     """The motion with the impulses of the nonlinear potentials scaled so that `above` joules less remain."""
     impulse = system.only_free(-dt * end.gradient / system.mass[:, None])
     quadratic = kinetic(system, impulse)

@@ -1,4 +1,4 @@
-"""Hessian of the function that an implicit step minimises: the sum of what its terms have."""
+"""Hessian of the incremental potential of an implicit step, summed over the terms of a system."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ddgcli.mechanics.terms import Mode, Potential
 
 
 def assembly_of(system: System, increment: Increment) -> Assembly:
-    """Pattern of the Hessian of a system, with the stencils of its terms.
+    """Assembly of the Hessian of a system, from the stencils of its terms.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def assembly_of(system: System, increment: Increment) -> Assembly:
 
 
 def assembly_of_terms(free: NDArray[np.bool_], terms: Sequence[Potential]) -> Assembly:
-    """Pattern of the Hessian of potentials over the free coordinates.
+    """Assembly of the Hessian of potentials over the free coordinates.
 
     Parameters
     ----------
@@ -56,16 +56,16 @@ def assembly_of_terms(free: NDArray[np.bool_], terms: Sequence[Potential]) -> As
 
 
 def blocks_of(potential: Any, by_pairs: Iterator[bool], x: NDArray, mode: Mode) -> Iterator[NDArray]:
-    """Blocks of the Hessian of the elements of each piece of a potential.
+    """Hessian blocks of the elements, for each piece of a potential.
 
     Parameters
     ----------
     potential : Potential or PotentialPieces
     by_pairs : iterator of bool
-        For each piece, whether to give the blocks of pairs of vertices.
+        For each piece, whether to compute the blocks of vertex pairs instead of whole ones.
     x : (n, 3) ndarray of float64
     mode : str
-        Which terms of the Hessian: exact, or positive semidefinite.
+        See `Potential.blocks`.
 
     Yields
     ------
@@ -85,26 +85,26 @@ def total_hessian(
     *,
     by_blocks: bool = False,
 ) -> csc_array | bsr_array:
-    """Hessian of the function that an implicit step minimises, plus `shift` times the masses.
+    """Hessian of the incremental potential of an implicit step, plus `shift` times the masses.
 
     Parameters
     ----------
     system : System
     increment : Increment
     assembly : Assembly
-        Of both.
+        Assembly for this system and increment.
     y : (n, 3) ndarray of float64
-        Where to evaluate.
+        Positions.
     mode : str
-        Which terms of the Hessian: exact, or positive semidefinite.
+        See `Potential.blocks`.
     shift : float
     by_blocks : bool
-        With (3, 3) blocks if the unknowns are those of whole vertices.
+        Whether to return (3, 3) blocks, if the assembly is `by_vertex`.
 
     Returns
     -------
     csc_array or bsr_array
-        Over the free coordinates and the internal unknowns.
+        Rows are the free coordinates, then the internal unknowns.
     """
     changing: list[Any] = []
     blocks = _blocks(system, increment, assembly, y, mode, changing)
@@ -117,7 +117,7 @@ def total_hessian(
 def _blocks(
     system: System, increment: Increment, assembly: Assembly, y: NDArray, mode: Mode, changing: list[Any]
 ) -> Iterator[NDArray]:
-    """Blocks of each term in turn, each when the one before is summed; Hessians are added to `changing`."""
+    """Generate the blocks of each term, one at a time; append Hessians without elements to `changing`."""
     by_pairs = iter(assembly.by_pairs)
     for potential in system.potentials:
         if potential.is_dead:
@@ -146,12 +146,12 @@ def _blocks(
 def with_changing(
     matrix: csc_array | bsr_array, free: NDArray[np.bool_], hessians: Sequence[Any]
 ) -> csc_array | bsr_array:
-    """The Hessian over the unknowns plus those of elements that change from place to place.
+    """Sum of the assembled Hessian and the Hessians of terms whose elements change with the positions.
 
     Parameters
     ----------
     matrix : (f, f) csc_array or bsr_array
-        The free coordinates, then internal unknowns.
+        Rows are the free coordinates, then the internal unknowns.
     free : (n, 3) ndarray of bool
     hessians : sequence of (3n, 3n) sparse arrays or None
     """

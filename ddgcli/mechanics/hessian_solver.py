@@ -1,4 +1,4 @@
-"""Linear systems of Newton's iteration: factorised, or by conjugate gradients where factors do not fit."""
+"""Linear systems of Newton's method: by a factorisation, or by conjugate gradients if factors do not fit."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from ddgcli.mesh.vectors import row_cross
 
 
 class HessianSolver:
-    """Solver of systems with the Hessians of one assembly; for positive definite ones.
+    """Solver of linear systems with positive definite Hessians of one assembly.
 
-    Which kind is decided once, from the pattern, before a matrix is assembled. Conjugate gradients end at a
-    part of the error (`linalg.displacements`): Newton's iteration measures what is left.
+    The kind of solver is chosen once, from the pattern, before a matrix is assembled. Conjugate gradients
+    only reduce the error by a factor (`linalg.displacements`), because Newton's method corrects the rest.
 
     Attributes
     ----------
     assembly : Assembly
     error : float
-        Largest error of a solution that is to be expected, relative to its largest entry.
+        Largest expected error of a solution, relative to its largest entry.
     """
 
     def __init__(self, assembly: Assembly) -> None:
         self.assembly = assembly
         self._factor: Factor | None = None
-        self._solve: low_rank.Operator | None = None  # with the part of low rank
+        self._solve: low_rank.Operator | None = None  # with the low-rank term
         name = displacement_solver(assembly.graph, 3)
         self._iterative: Any = None
         if name:
@@ -43,7 +43,7 @@ class HessianSolver:
 
     @property
     def iterative(self) -> str | None:
-        """Name of the iterative solver; None where the matrices are factorised."""
+        """Name of the iterative solver; None if the matrices are factorised."""
         return self._iterative.name if self._iterative else None
 
     @property
@@ -52,18 +52,18 @@ class HessianSolver:
         return self._iterative is not None
 
     def release(self) -> None:
-        """Free what conjugate gradients keep of the last matrix, before another one is assembled."""
+        """Free the memory of the last iterative solver, before the next matrix is assembled."""
         if self._iterative:
             self._solve = None
             self._iterative.release()
 
     def factorise(self, system: System, matrix: Any, y: NDArray, columns: NDArray | None) -> None:
-        """Prepare solutions with a matrix plus U U^T, U the columns; `y` (n, 3) are the positions.
+        """Prepare solves with a matrix plus U U^T, where `columns` are U and `y` (n, 3) the positions.
 
         Raises
         ------
         SolveError
-            The matrix is not positive definite, where the factorisation detects it.
+            If the factorisation detects that the matrix is not positive definite.
         """
         if self._iterative:
             from ddgcli.linalg.displacements import RigidMotions
@@ -75,7 +75,7 @@ class HessianSolver:
             return
         if self._factor is None:
             self._factor = Factor(matrix, pivot=False, solver=direct_solver(matrix))
-            if not self._factor.repeats:  # what comes after must not depend on where a run was resumed
+            if not self._factor.repeats:  # results must not depend on where a run was resumed
                 self._factor.refactor(matrix)
         else:
             self._factor.refactor(matrix)
@@ -86,13 +86,13 @@ class HessianSolver:
         return self._solve(rhs)  # type: ignore[misc]
 
     def _rigid_motions(self, y: NDArray) -> NDArray[np.float64]:
-        """Columns over the unknowns: translations, rotations, and 1 at the internal unknowns if there are."""
+        """Columns over the unknowns: translations, rotations, and 1 at internal unknowns if there are any."""
         from_middle, motion = y - y.mean(axis=0), np.empty_like(y)
         modes = np.empty((self.assembly.size, 6))
         for axis in range(3):
             motion[:] = np.eye(3)[axis]
-            modes[:, axis] = self.assembly.vector(motion)
-            modes[:, 3 + axis] = self.assembly.vector(row_cross(np.eye(3)[axis], from_middle))
+            modes[:, axis] = self.assembly.gather(motion)
+            modes[:, 3 + axis] = self.assembly.gather(row_cross(np.eye(3)[axis], from_middle))
         internal = self.assembly.internal
         if internal:
             own = np.zeros((len(modes), 1))

@@ -1,4 +1,4 @@
-"""The function that an implicit step minimises."""
+"""The incremental potential, which an implicit step minimises."""
 
 from __future__ import annotations
 
@@ -9,20 +9,27 @@ from numpy.typing import NDArray
 
 from ddgcli.mechanics.terms import Potential
 
-MIN_CUT, MAX_CUT = 0.1, 0.5  # of a fraction of a move, what the next one may be
+MIN_CUT, MAX_CUT = 0.1, 0.5  # bounds of the next fraction of a move over the last one, in a line search
 
 
 @dataclass(frozen=True, eq=False)
 class Increment:
-    """The function that a step minimises.
+    """Incremental potential a/2 |y - target|_M^2 + V(y) + R(c (y - origin)) / c of a step.
+
+    C. Kane, J. E. Marsden, M. Ortiz, M. West, "Variational integrators and the Newmark algorithm for
+    conservative and dissipative mechanical systems", 2000. M are the masses, V the potentials of the system
+    and R the frozen dissipation.
 
     Parameters
     ----------
     a : float
-        1/s^2; 0 for an equilibrium.
-    target, origin : (n, 3) ndarray
+        In 1/s^2; 0 for an equilibrium.
+    target : (n, 3) ndarray
+        Positions without forces at the end of the step, in m.
     c : float
-        1/s: the velocity is c (y - origin).
+        In 1/s: the velocity is c (y - origin).
+    origin : (n, 3) ndarray, optional
+        In m; needed with dissipation.
     frozen : tuple of Potential
         Dissipation as potentials of the velocity.
     """
@@ -39,7 +46,7 @@ class Increment:
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """A place of the iteration: positions, the function's value there, and the size of its summands."""
+    """An iterate: positions, value of the incremental potential, and sum of its absolute terms."""
 
     y: NDArray
     value: float
@@ -47,16 +54,16 @@ class Point:
 
 
 def shorter_fraction(t: float, change: float, downhill: float) -> float:
-    """The next fraction of a move to try in a line search.
+    """The next fraction of a move in a backtracking line search.
 
-    Where the parabola with the slope at 0 and the change at t is least, between a tenth and a half of t.
+    It is the minimum of the parabola with the slope at 0 and the change at t, limited to [0.1 t, 0.5 t].
 
     Parameters
     ----------
     t : float
-        Fraction tried.
+        The last fraction.
     change : float
-        Of the value from 0 to t.
+        Change of the value from 0 to t.
     downhill : float
         Slope at 0, negative.
 
@@ -68,13 +75,13 @@ def shorter_fraction(t: float, change: float, downhill: float) -> float:
     ----------
     J. Nocedal, S. Wright, "Numerical optimization", 2006, section 3.5.
     """
-    above = change - t * downhill  # of the value over the tangent
+    above = change - t * downhill  # value minus that of the tangent at 0
     least = -0.5 * downhill * t * t / above if np.isfinite(above) and above > 0 else 0.5 * t
     return min(max(least, MIN_CUT * t), MAX_CUT * t)
 
 
-def worst(vectors: NDArray) -> str:
-    """Name of the vertex with the largest residual, for messages.
+def worst_vertex(vectors: NDArray) -> str:
+    """Name of the vertex with the largest vector, for messages.
 
     Parameters
     ----------

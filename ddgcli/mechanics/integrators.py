@@ -1,4 +1,4 @@
-"""Time steps of mechanical systems: each states its order, and a test measures it."""
+"""Time integrators of mechanical systems, with their orders, which a test measures."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ if TYPE_CHECKING:
 
 Step = Callable[[System, Motion, float, Any], Motion]
 
-FRICTION_TOLERANCE = 0.05  # of the sum of its forces: how far friction may be from its normal forces
-MAX_FRICTION_PASSES = 3  # solutions of a step with friction
+FRICTION_TOLERANCE = 0.05  # error of the friction forces over their sum, due to lagged normal forces
+MAX_FRICTION_PASSES = 3  # solves of a step with updated normal forces
 
 
 @dataclass(frozen=True)
 class Integrator:
-    """A scheme.
+    """A time integration scheme.
 
     Parameters
     ----------
@@ -34,15 +34,15 @@ class Integrator:
     order : int
     step : callable (system, motion, dt, parameters) -> Motion
     reach : callable parameters -> float
-        Largest stable product of step and frequency.
+        Largest stable product of step and angular frequency.
     rescue : callable like `step`, optional
         Fallback scheme, tried before a rejected step is halved; only for unconditionally stable schemes.
     multistep : bool
-        The scheme uses `Motion.past`.
+        Whether the scheme uses `Motion.past`.
     own_time : bool
-        A step sets the time of its end itself: the load factor of a path.
+        Whether a step itself sets the time of its end: the load factor of a path.
     acts_at : {'ends', 'end', 'middle'}
-        Positions and velocities of a step whose forces act in it.
+        Positions and velocities of a step at which the scheme evaluates forces.
     pushes_at : {'ends', 'end', 'middle'}
         Those whose forces give the work of moving obstacles to the order of the scheme.
     """
@@ -66,7 +66,7 @@ def _symplectic_euler(system: System, motion: Motion, dt: float, parameters: Any
 
 
 def _verlet(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
-    """Kick, drift, kick; with drag the second kick is corrected once, which keeps order 2."""
+    """Velocity Verlet (kick, drift, kick); with drag the second kick is corrected once, for order 2."""
     system = system.at(motion.time + dt)
     if system.constraints:
         from ddgcli.mechanics.constraints import rattle
@@ -85,7 +85,7 @@ def _verlet(system: System, motion: Motion, dt: float, parameters: Any) -> Motio
 
 
 def _avi(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
-    """Every element with its own step; the acceleration takes no part."""
+    """Asynchronous variational integrator; it does not use accelerations."""
     from ddgcli.mechanics.asynchronous import step
 
     x, v = step(system, motion, dt)
@@ -94,18 +94,19 @@ def _avi(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
 
 
 def _after(system: System, x: NDArray, v: NDArray, a: NDArray, newton: int) -> Motion:
-    """The motion at the end of a step; prescribed vertices have their velocity, and no acceleration.
+    """The motion at the end of a step, with the prescribed positions and velocities.
 
-    The acceleration of a prescribed vertex takes no part in the scheme.
+    Prescribed accelerations are not set, because no scheme uses them.
     """
     x, v, _ = system.prescribed_state(x, v, a)
     return Motion(x, v, a, newton)
 
 
 def checked(system: System, motion: Motion, before: NDArray | None = None) -> Motion:
-    """The motion, or StepRejected where it is not finite or crossed a barrier.
+    """The motion; StepRejected if it is not finite or crossed a barrier.
 
-    `before` (n, 3) are positions from which it came straight; by default no barrier can lie between.
+    `before` (n, 3) are positions from which the vertices moved straight to the end; by default barriers
+    between are not checked.
     """
     for array in (motion.x, motion.v):
         if not np.isfinite(array).all():
@@ -121,14 +122,14 @@ def checked(system: System, motion: Motion, before: NDArray | None = None) -> Mo
 
 
 def _obstacles_at(system: System, time: float) -> System:
-    """The system with its obstacles where they are at a time, as before a step."""
+    """The system with its moving obstacles at their positions at a time."""
     return system.with_obstacles_at(time) if system.pushed else system
 
 
 def _obstacle_work(
     system: System, before: Motion, after: Motion, dt: float, pushes_at: ActsAt = "ends"
 ) -> float:
-    """Joules that moving obstacles add to the stored energy in a step."""
+    """Energy in J that moving obstacles add to the stored energy in a step."""
     if not system.pushed:
         return 0.0
     from ddgcli.mechanics.driving import obstacle_work
@@ -139,14 +140,14 @@ def _obstacle_work(
 def _solved(
     system: System, increment: Increment, guess: Point, dt: float, ahead: NDArray | None = None
 ) -> tuple[NDArray, int, Increment]:
-    """Minimum of the function of a step, its Newton iterations, and the function with the final friction.
+    """Minimiser of an increment, the number of Newton iterations, and the increment with the final friction.
 
-    Friction takes its normal forces from the start of the step at first. Where those of the minimum differ,
-    as where a body lands, it is sought again with them, unless that moves it by less than the iteration
-    resolves, as of a body that falls straight or moves with its floor. Smooth dissipation stays as it is at
-    `ahead`; by default it is taken at the minimum too.
+    At first, friction has the normal forces of the start of the step. If those at the minimiser differ, as
+    when a body lands, the increment is minimised again with them, unless that moves the minimiser by less
+    than Newton's method resolves, as for a body that falls straight or moves with its floor. Smooth
+    dissipation stays frozen at `ahead`; by default it is updated at the minimiser, too.
     """
-    from ddgcli.mechanics.newton import is_resolved, minimise
+    from ddgcli.mechanics.newton import is_significant, minimise
     from ddgcli.mechanics.objective import Objective
 
     y, count = minimise(system, increment, guess)
@@ -158,7 +159,7 @@ def _solved(
         if np.abs(after - before).sum() <= FRICTION_TOLERANCE * np.abs(after).sum():
             break
         increment = replace(increment, frozen=frozen)
-        if not is_resolved(system, increment, y, after - before):
+        if not is_significant(system, increment, y, after - before):
             break
         y, more = minimise(system, increment, Objective(system).at(increment, y))
         count += more
@@ -166,10 +167,10 @@ def _solved(
 
 
 def _undamped_guess(system: System, increment: Increment, motion: Motion) -> Point:
-    """First guess of the schemes that do not damp.
+    """First guess of the undamped schemes.
 
-    Motions slower than the step keep their acceleration, those faster change its sign from step to step; the
-    function itself decides which of the two is nearer.
+    The acceleration of motions slower than the step stays nearly the same, that of faster motions changes its
+    sign in every step; the guess with the smaller value of the incremental potential is taken.
     """
     from ddgcli.mechanics.newton import first_guess
     from ddgcli.mechanics.objective import Objective
@@ -187,7 +188,7 @@ def _implicit_euler(system: System, motion: Motion, dt: float, parameters: Any) 
     from ddgcli.mechanics.newton import first_guess
 
     system = system.at(motion.time + dt)
-    # first: it shares what the last step computed at its end
+    # before anything else, because terms have cached their values at the end of the last step
     start = None if system.linear else StoredEnergy.at(_obstacles_at(system, motion.time), motion.x)
     target = motion.x + dt * motion.v
     ahead = motion.x + 0.5 * dt * motion.v
@@ -207,18 +208,18 @@ def _implicit_euler(system: System, motion: Motion, dt: float, parameters: Any) 
 
 
 def _implicit_midpoint(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
-    """The unknown is the middle position; the end is its mirror image of the start."""
+    """Implicit midpoint rule: the unknown is the middle position y, and the end is 2 y - x."""
     from ddgcli.mechanics.energy_balance import StoredEnergy, balanced
     from ddgcli.mechanics.increment import Increment
 
     system, end = system.at(motion.time + 0.5 * dt), system.at(motion.time + dt)
-    # first: it shares what the last step computed at its end
+    # before anything else, because terms have cached their values at the end of the last step
     start = None if system.linear else StoredEnergy.at(_obstacles_at(system, motion.time), motion.x)
     target = motion.x + 0.5 * dt * motion.v
     frozen = system.frozen(motion.x, dt, motion.time, target)
     increment = Increment(4 / dt**2, target, 2 / dt, motion.x, frozen)
-    # barriers push at the middle, so friction takes their forces there: at the ends, about which stiff
-    # contact vibrates farther, they are 6 % larger
+    # barriers act at the middle, so friction has their forces there; at the ends they are 6 % larger, because
+    # stiff contact vibrates
     middle, count, _ = _solved(system, increment, _undamped_guess(system, increment, motion), dt)
     x = end.prescribed_state(2 * middle - motion.x, middle, middle)[0]
     v = 2 * (x - motion.x) / dt - motion.v
@@ -246,14 +247,13 @@ def _newmark(system: System, motion: Motion, dt: float, parameters: Any) -> Moti
         return _implicit_newmark(system, motion, dt, beta, gamma)[0]
     from ddgcli.mechanics.energy_balance import StoredEnergy, balanced, kinetic
 
-    start = StoredEnergy.at(
-        _obstacles_at(system, motion.time), x
-    )  # first: it shares what the last step found there
+    # before anything else, because terms have cached their values at the end of the last step
+    start = StoredEnergy.at(_obstacles_at(system, motion.time), x)
     after, _ = _implicit_newmark(system, motion, dt, beta, gamma)
     end = StoredEnergy.at(system, after.x)
     path = after.x - x
     work = -0.5 * float(np.vdot(start.gradient + end.gradient, path))
-    # the trapezoid of all forces is the kinetic energy's change where beta = 1/4 and gamma = 1/2
+    # zero for beta = 1/4 and gamma = 1/2, where the trapezoidal work of all forces changes the kinetic energy
     changed = kinetic(system, after.v) - kinetic(system, v)
     work += changed - 0.5 * float(np.vdot(system.mass[:, None] * (a + after.a), path))
     work -= _obstacle_work(system, motion, after, dt)
@@ -263,7 +263,7 @@ def _newmark(system: System, motion: Motion, dt: float, parameters: Any) -> Moti
 def _implicit_newmark(
     system: System, motion: Motion, dt: float, beta: float, gamma: float
 ) -> tuple[Motion, Increment]:
-    """A step, not judged, and the function that it minimises."""
+    """A Newmark step without a check of its energy, and its incremental potential."""
     from ddgcli.mechanics.increment import Increment
 
     x, v, a = motion.x, motion.v, motion.a
@@ -285,12 +285,11 @@ def _implicit_newmark(
 
 
 def _composite(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
-    """Half a step by the trapezoidal rule, half by backward differences over both: order 2, L-stable.
+    """Composite scheme: half a step by the trapezoidal rule, half by BDF2; order 2, L-stable.
 
-    It takes the energy of waves faster than the step, and keeps what is slower [K.-J. Bathe, "Conserving
-    energy and momentum in nonlinear dynamics: a simple implicit time integration scheme", 2007]. Against a
-    barrier it can also give energy, so the balance judges its step: it may take a tenth of the kinetic
-    energy.
+    It dissipates waves faster than the step, and preserves slower motion [K.-J. Bathe, "Conserving energy and
+    momentum in nonlinear dynamics: a simple implicit time integration scheme", 2007]. At a barrier it can
+    also add energy, so its energy balance is checked: it may dissipate a tenth of the kinetic energy.
     """
     from ddgcli.mechanics.energy_balance import MAX_ENERGY_FALL, StoredEnergy, balanced, kinetic
     from ddgcli.mechanics.increment import Increment
@@ -312,26 +311,26 @@ def _composite(system: System, motion: Motion, dt: float, parameters: Any) -> Mo
     a = np.where(system.free, (v - 4 * middle.v + 3 * speed) / dt, 0.0)
     after = checked(system, _after(system, y, speed, a, middle.newton + count))
     change = kinetic(system, speed) - kinetic(system, v)
-    # of both ends in both parts: backward differences turn 2/3 of a friction that begins into velocity
+    # friction at both ends of both halves, because BDF2 turns 2/3 of a friction that begins into velocity
     acting = pairwise([(at_start, v), (first.frozen, middle.v), (increment.frozen, speed)])
     work = change - half.external_work((x, middle.x, y), 0.5 * dt, list(acting))
     work -= _obstacle_work(system, motion, after, dt) + system.later_work(motion.time, x, y)
     most = MAX_ENERGY_FALL * max(kinetic(system, v), kinetic(system, speed))
-    # judged alone: where the balance is a hundredth too high, any further step would fail
+    # without the excess of earlier steps: once that is at its limit, every further step would be rejected
     fresh = replace(motion, balance_excess=0.0)
-    judged = balanced(system, fresh, after, start, StoredEnergy.at(system, y), work, dt, most)
-    return replace(judged, balance_excess=motion.balance_excess + judged.balance_excess)
+    accepted = balanced(system, fresh, after, start, StoredEnergy.at(system, y), work, dt, most)
+    return replace(accepted, balance_excess=motion.balance_excess + accepted.balance_excess)
 
 
 def _bdf2(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
-    """Backward differences of second order, for steps of any ratio; the first step is trapezoidal.
+    """BDF2 with variable steps; the first step is trapezoidal.
 
-    It may lose any energy. Where a barrier is met it can also give some, so the balance judges its steps.
+    It may dissipate any energy. At a barrier it can also add some, so its energy balance is checked.
     """
     from ddgcli.mechanics.energy_balance import StoredEnergy, balanced, kinetic, without_excess
 
     system, x, v = system.at(motion.time + dt), motion.x, motion.v
-    # first: it shares what the last step computed at its end
+    # before anything else, because terms have cached their values at the end of the last step
     start = None if system.linear else StoredEnergy.at(_obstacles_at(system, motion.time), x)
     after, acting = _backward_difference(system, motion, dt)
     if start is None:
@@ -347,9 +346,9 @@ def _bdf2(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
 def _backward_difference(
     system: System, motion: Motion, dt: float
 ) -> tuple[Motion, list[tuple[tuple[Potential, ...], NDArray]]]:
-    """A step of `bdf2`, not judged, and the dissipation that acted with its velocities.
+    """A BDF2 step without a check of its energy; and the dissipation that acted, with its velocities.
 
-    Of a first step that of both ends.
+    For the first step, the dissipation at both ends is returned.
     """
     from ddgcli.mechanics.increment import Increment
 
@@ -373,7 +372,7 @@ def _backward_difference(
 
 
 def _static(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
-    """One equilibrium: a stationary point of the potentials, reached downhill."""
+    """One equilibrium: a stationary point of the potential energy, by descent."""
     from ddgcli.mechanics.admissible import admissible_start
     from ddgcli.mechanics.equilibrium import Equilibrium
 
@@ -383,7 +382,7 @@ def _static(system: System, motion: Motion, dt: float, parameters: Any) -> Motio
         y, count = Equilibrium(system).find(start)
     except StepRejected as rejected:
         if getattr(parameters, "load_steps", 1) > 1:
-            raise  # the loop halves the load step
+            raise  # the time loop halves the load step
         from ddgcli.mechanics.rigid_motions import unheld_motions
         from ddgcli.mechanics.small_loads import force_rounding, larger_loads, largest_load
 
@@ -392,7 +391,7 @@ def _static(system: System, motion: Motion, dt: float, parameters: Any) -> Motio
         if rejected.cause == Cause.NOT_FINITE:  # the first move leads too far
             remedy = "apply the load in steps (`load_steps=10`)"
         load, least = largest_load(system, motion.x), force_rounding(system)
-        # what pins hold comes to rest under any small load, unless its faces are needles
+        # pinned shells reach equilibrium under any small load, unless their faces are needles
         other = larger_loads(load, least) if unheld and 0.0 < load < least else "lessen the load"
         raise SolveError(f"no equilibrium was found ({cause}): {remedy} or {other}") from rejected
     still = np.zeros_like(y)
@@ -400,7 +399,7 @@ def _static(system: System, motion: Motion, dt: float, parameters: Any) -> Motio
 
 
 def _arc_length(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
-    """The next equilibrium along the path of loads."""
+    """The next equilibrium along the load path."""
     from ddgcli.mechanics.arc_length import arc_step
 
     return checked(system, arc_step(system, motion, dt, parameters))
@@ -415,7 +414,7 @@ def _any_step(parameters: Any) -> float:
 
 
 def _newmark_reach(parameters: Any) -> float:
-    """Where the scheme is not stable at any step (Hughes, The Finite Element Method, 1987, section 9.1)."""
+    """Stability limit of Newmark's scheme (T. J. R. Hughes, "The finite element method", 1987, 9.1)."""
     lacking = 0.5 * parameters.gamma - parameters.beta
     return lacking**-0.5 if lacking > 0 else np.inf
 

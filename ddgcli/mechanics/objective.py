@@ -1,4 +1,4 @@
-"""The function that the implicit steps of a system minimise: value, gradient, Hessian, line search."""
+"""The incremental potential as the objective of implicit steps: value, gradient, Hessian, line search."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.mechanics.admissible import longest_fraction
+from ddgcli.mechanics.admissible import collision_free_fraction
 from ddgcli.mechanics.assembly import Assembly
 from ddgcli.mechanics.constant_matrices import ConstantMatrices
 from ddgcli.mechanics.hessian import assembly_of, total_hessian
@@ -18,16 +18,16 @@ from ddgcli.mechanics.system import System
 from ddgcli.mechanics.terms import Mode
 from ddgcli.mesh.vectors import row_dot
 
-MOVE_TOLERANCE = 1e-9  # a move below this fraction of the object's size ends an iteration
-HESSIAN_SOLVER = "hessian solver"  # key of a cache
-MIN_STEP_FRACTION, ARMIJO_FRACTION = 1e-10, 1e-4
+MOVE_TOLERANCE = 1e-9  # move over the object's size below which an iteration ends
+HESSIAN_SOLVER = "hessian solver"  # key in the cache of a system
+MIN_STEP_FRACTION, ARMIJO_FRACTION = 1e-10, 1e-4  # of the line search
 
 
 class Objective:
-    """Value, gradient and Hessian of the function of an `Increment`, for one system.
+    """Value, gradient and Hessian of an `Increment` for one system.
 
-    The cache of the system keeps the pattern of the Hessian and its symbolic factorisation for all its steps,
-    as it does the factors of constant matrices: the same system at another time has the same sparsity.
+    The pattern of the Hessian, its symbolic factorisation, and the factors of constant matrices are in the
+    cache of the system, for all its steps: the system has the same sparsity at any time.
     """
 
     def __init__(self, system: System) -> None:
@@ -39,11 +39,11 @@ class Objective:
         return self.system.cache.setdefault("constant matrices", ConstantMatrices())
 
     def is_linear(self, increment: Increment) -> bool:
-        """Whether the matrix never changes: every potential is quadratic, axis by axis."""
+        """Whether the Hessian is constant: every potential is quadratic with one matrix for each axis."""
         return self.system.linear and not increment.frozen
 
     def at(self, increment: Increment, y: NDArray) -> Point:
-        """The function at `y`."""
+        """The iterate at positions `y`."""
         system = self.system
         energies = list(system.energies(y).values())
         if increment.a:
@@ -70,7 +70,7 @@ class Objective:
     ) -> Any:
         """Hessian over the free coordinates and internal unknowns, plus `shift` times the masses.
 
-        In the format that `solver` prefers. `keep_factor`: whether the last factorisation is still used.
+        The format is the one that `solver` prefers. `keep_factor`: the last factorisation is still used.
         """
         solver = self.solver(increment)
         if not keep_factor:
@@ -80,7 +80,7 @@ class Objective:
         )
 
     def solver(self, increment: Increment) -> HessianSolver:
-        """Solver of systems with these Hessians; made once."""
+        """Solver of linear systems with these Hessians, created once."""
         cache = self.system.cache
         if HESSIAN_SOLVER not in cache:
             with self.system.account.within("solver"):
@@ -91,27 +91,27 @@ class Objective:
     def _assembly(self) -> Assembly:
         return self.system.cache[HESSIAN_SOLVER].assembly
 
-    def spread(self, step: NDArray) -> NDArray:
-        """(n, 3) move of the vertices in a solution over the unknowns of the last Hessian."""
-        return self._assembly.spread(step)
+    def scatter(self, step: NDArray) -> NDArray:
+        """(n, 3) moves of the vertices from a solution over the unknowns of the Hessian."""
+        return self._assembly.scatter(step)
 
-    def entries(self, g: NDArray) -> NDArray:
-        """Right-hand side of a vector (n, 3): internal unknowns are in balance."""
-        return self._assembly.vector(g)
+    def gather(self, g: NDArray) -> NDArray:
+        """Entries of a vector (n, 3) at the unknowns of the Hessian; 0 for internal unknowns."""
+        return self._assembly.gather(g)
 
     def columns(self, y: NDArray) -> NDArray | None:
-        """Columns of the term of low rank, over the unknowns of the last Hessian."""
+        """Columns of the low-rank term, over the unknowns of the Hessian."""
         dense = self.system.low_rank(y)
-        return None if dense is None else self.entries(dense)
+        return None if dense is None else self.gather(dense)
 
     def search(
         self, increment: Increment, point: Point, move: NDArray, downhill: float
     ) -> tuple[float, Point]:
-        """Backtracking from the whole step, or from the barrier: the fraction taken and where it ends.
+        """Backtracking line search from the largest collision-free fraction: the fraction and its end.
 
-        Each fraction is the least point of the parabola through the values so far, within bounds.
+        The fraction is 0 if no fraction decreases the value; see `shorter_fraction`.
         """
-        t = longest_fraction(self.system, point.y, move)
+        t = collision_free_fraction(self.system, point.y, move)
         while t > MIN_STEP_FRACTION:
             trial = self.at(increment, point.y + t * move)
             slack = sum_rounding(max(point.scale, trial.scale), len(move))
@@ -121,8 +121,8 @@ class Objective:
         return 0.0, point
 
     def further(self, increment: Increment, point: Point, move: NDArray) -> Point:
-        """Along a move of negative curvature, as far as doubling it again and again lowers the value."""
-        while longest_fraction(self.system, point.y, move) == 1.0:
+        """The end of a move of negative curvature that is doubled as long as the value decreases."""
+        while collision_free_fraction(self.system, point.y, move) == 1.0:
             trial = self.at(increment, point.y + move)
             if not trial.value < point.value:
                 break

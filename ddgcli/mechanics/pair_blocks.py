@@ -1,10 +1,10 @@
-"""Hessians of elements as (3, 3) blocks of their pairs of vertices: little more than a third of the numbers.
+"""Element Hessians stored as the (3, 3) blocks of vertex pairs, with little more than a third of the values.
 
-The energy of such an element does not change by translation, so that the block of a vertex is minus the sum
-of its blocks with the others. Blocks are those of pairs (a, b), a < b, in the order of `vertex_pairs`; in an
-array (3, 3, p, k) of k elements, rows belong to the vertex of lesser number in the mesh, columns to the
-other. Each entry of the blocks has a plane of its own: numpy writes and sums numbers that lie together
-several times as fast as those that lie nine apart.
+The energy of such an element is translation invariant, so the diagonal block of a vertex is minus the sum of
+its blocks with the other vertices. The pairs (a, b), a < b, have the order of `vertex_pairs`. In an array
+(3, 3, p, k) for k elements, rows belong to the vertex with the smaller index in the mesh, columns to the
+other. Each entry of the blocks is contiguous over the elements: numpy writes and sums contiguous values
+several times as fast as values with a stride of nine.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-MAX_KEPT = 2**27  # bytes of an array of blocks that stays in memory between two matrices
+MAX_CACHED = 2**27  # largest size in bytes of an array of blocks that is reused for the next matrix
 
 
 @cache
@@ -34,10 +34,10 @@ def vertex_pairs(count: int) -> tuple[tuple[int, int], ...]:
 
 
 class PairBlocks:
-    """Array of the blocks of every pair of every element, written piece by piece.
+    """Array of the blocks of all pairs of all elements, written in pieces.
 
-    It is written to again and again, because fresh memory costs more than the arithmetic; above MAX_KEPT
-    bytes it is released instead.
+    The array is reused, because new memory costs more time than the arithmetic; above MAX_CACHED bytes it is
+    released instead.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ class PairBlocks:
         return self._values
 
     def transpose_descending(self, rows: slice) -> None:
-        """Bring blocks of the elements `rows` into order, whose rows belong to a and columns to b so far."""
+        """Transpose blocks of the elements `rows` in which vertex a has a larger index than vertex b."""
         descending = self._descending[:, rows]
         for i, j in ((0, 1), (0, 2), (1, 2)):
             upper, lower = self.values[i, j, :, rows], self.values[j, i, :, rows]
@@ -72,15 +72,15 @@ class PairBlocks:
             np.copyto(lower, upper_before, where=descending)
 
     def written(self) -> NDArray[np.float64]:
-        """The array, once all pairs of all elements are written; a large one is not kept here."""
+        """The array, after all pairs of all elements are written; a large one is released here."""
         values = self.values
-        if values.nbytes > MAX_KEPT:
+        if values.nbytes > MAX_CACHED:
             self._values = None
         return values
 
 
 def whole_blocks(stencil: NDArray, pair_blocks: NDArray) -> NDArray[np.float64]:
-    """Whole Hessians of elements from the blocks of their pairs of vertices.
+    """Whole element Hessians from the blocks of vertex pairs.
 
     Parameters
     ----------
@@ -97,14 +97,14 @@ def whole_blocks(stencil: NDArray, pair_blocks: NDArray) -> NDArray[np.float64]:
 
 
 def whole_elements(count: int, blocks: NDArray) -> NDArray[np.float64]:
-    """Whole Hessians of elements from the blocks of their pairs, whose rows belong to the first vertex.
+    """Whole element Hessians from blocks of vertex pairs whose rows belong to the first vertex.
 
     Parameters
     ----------
     count : int
-        Vertices of an element, s.
+        Number of vertices of an element, s.
     blocks : (p, k, 3, 3) ndarray of float64
-        Of the pairs in the order of `vertex_pairs`.
+        Blocks of the pairs in the order of `vertex_pairs`.
 
     Returns
     -------
@@ -118,19 +118,19 @@ def whole_elements(count: int, blocks: NDArray) -> NDArray[np.float64]:
         whole[:, b, :, a] = block.transpose(0, 2, 1)
         whole[:, a, :, a] -= block
         whole[:, b, :, b] -= block.transpose(0, 2, 1)
-    for a in range(count):  # symmetric, up to rounding: of the sum and of its transpose, the mean
+    for a in range(count):  # diagonal blocks are symmetric only up to rounding
         own = whole[:, a, :, a]
         whole[:, a, :, a] = 0.5 * (own + own.transpose(0, 2, 1))
     return whole.reshape(k, 3 * count, 3 * count)
 
 
 def _descending(stencil: NDArray) -> NDArray[np.bool_]:
-    """(p, k) pairs whose first vertex has the greater number."""
+    """(p, k) whether the first vertex of a pair has the larger index."""
     return np.array([stencil[:, a] > stencil[:, b] for a, b in vertex_pairs(stencil.shape[1])])
 
 
 def have_distinct_vertices(stencil: NDArray) -> bool:
-    """Whether no element has a vertex twice.
+    """Whether no element contains a vertex twice.
 
     Parameters
     ----------

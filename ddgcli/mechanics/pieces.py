@@ -1,4 +1,4 @@
-"""Potentials of many elements, some at a time: an element needs many times its data on the way."""
+"""Evaluation of potentials with many elements in pieces, which limits the memory for intermediate arrays."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from ddgcli.mechanics.terms import OPTIONAL_MEMBERS, LinearOperator, Mode, Potential
 
-MIN_PIECE = 1 << 19  # elements
+MIN_PIECE = 1 << 19  # elements per piece; smaller potentials are not divided
 MAX_PIECES = 16
 
 
 class PotentialPieces(Potential):
-    """A potential whose energy and gradient are summed over pieces of its elements; else it is as it was.
+    """A potential whose energy and gradient are summed over pieces of its elements.
 
-    Unlike a potential of few elements, it keeps nothing between two evaluations.
+    Unlike the potential itself, it caches nothing between evaluations.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ class PotentialPieces(Potential):
         return (slice(begin, begin + size) for begin in range(0, len(self.stencil), size))
 
     def pieces(self) -> Iterator[tuple[slice, Any]]:
-        """Of each piece: the vertices from its first to its last, and the potential of these."""
+        """Range of vertices of each piece, and the potential of the piece as a function of these."""
         for rows in self.rows():
             stencil = self.stencil[rows]
             vertices = slice(int(stencil.min()), int(stencil.max()) + 1)
@@ -84,7 +84,7 @@ def in_pieces(potential: Potential) -> Potential:
     Returns
     -------
     Potential
-        The input itself where it is small, or cannot be divided.
+        The input itself if it is small, or cannot be divided.
     """
     many = len(potential.stencil) > MIN_PIECE
     divisible = potential.subset is not None and potential.pair_blocks is not None
@@ -92,7 +92,7 @@ def in_pieces(potential: Potential) -> Potential:
 
 
 def pieces_of(potential: Any, x: NDArray) -> Iterator[tuple[Any, NDArray]]:
-    """Potential of each piece and the positions of its vertices.
+    """Potential of each piece, and the positions of its vertices.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def pieces_of(potential: Any, x: NDArray) -> Iterator[tuple[Any, NDArray]]:
     Yields
     ------
     piece : Potential
-        The input itself where it is not divided.
+        The input itself if it is not divided.
     x : (n', 3) ndarray of float64
     """
     if not isinstance(potential, PotentialPieces):
@@ -113,7 +113,7 @@ def pieces_of(potential: Any, x: NDArray) -> Iterator[tuple[Any, NDArray]]:
 
 
 def stencils_of(potential: Any) -> list[NDArray[np.int64]]:
-    """Stencils of the pieces of a potential, by the vertices of the whole system.
+    """Stencils of the pieces of a potential, with the vertex indices of the whole system.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Rigid motions of a whole system that its supports do not prevent, in words."""
+"""Rigid motions that the supports of a system do not prevent, and messages about them."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from ddgcli.mechanics.system import System
 from ddgcli.mechanics.terms import Potential
 from ddgcli.mesh.vectors import row_cross
 
-NULL_TOLERANCE = 1e-9  # of the largest singular value; supports that act on coordinates have none near it
-TEST_ANGLE = 0.1  # rad
-ROUNDING_MARGIN = 100.0  # over the energy that rounded positions have
+NULL_TOLERANCE = 1e-9  # singular value over the largest, below which it is zero; others are much larger
+TEST_ANGLE = 0.1  # rad, of the finite motion that tests for resistance
+ROUNDING_MARGIN = 100.0  # change of the energy over its rounding, above which a motion meets resistance
 
 
 def unheld_motions(system: System) -> str:
-    """Rigid motions that fixed coordinates and clamps leave free.
+    """Message about the rigid motions that fixed coordinates and clamps leave free.
 
     Parameters
     ----------
@@ -27,8 +27,8 @@ def unheld_motions(system: System) -> str:
     Returns
     -------
     str
-        Such as "the supports leave a rotation free, about the axis (0, 1, 0) through (0, 0.5, 0)"; "" where
-        there is none, or where contact may prevent it.
+        Such as "the supports leave a rotation free, about the axis (0, 1, 0) through (0, 0.5, 0)"; "" if
+        there is none, or if contact may prevent it.
     """
     if system.barriers:
         return ""
@@ -37,7 +37,7 @@ def unheld_motions(system: System) -> str:
     x = np.asarray(system.start)
     center, _, motions = _unsupported(system, x)
     elastic = [potential for potential in system.potentials if len(potential.stencil)]
-    unheld = [motion for motion in motions if _costs_nothing(system, elastic, x, motion)]
+    unheld = [motion for motion in motions if _is_unresisted(system, elastic, x, motion)]
     if not unheld:
         return ""
     if len(unheld) > 1:
@@ -51,7 +51,7 @@ def unheld_motions(system: System) -> str:
 
 
 def moves_freely(system: System, x: NDArray) -> bool:
-    """Whether supports leave rigid motions free, and none of these changes a potential.
+    """Whether the supports leave rigid motions free, and no potential resists any of them.
 
     Parameters
     ----------
@@ -62,16 +62,16 @@ def moves_freely(system: System, x: NDArray) -> bool:
     Returns
     -------
     bool
-        False too where contact may prevent them.
+        Also False if contact may prevent them.
     """
     if system.barriers:
         return False
     _, _, motions = _unsupported(system, x)
-    return len(motions) > 0 and all(_costs_nothing(system, system.potentials, x, m) for m in motions)
+    return len(motions) > 0 and all(_is_unresisted(system, system.potentials, x, m) for m in motions)
 
 
 def unsupported_fields(system: System, x: NDArray) -> NDArray[np.float64]:
-    """Velocities of the rigid motions that fixed coordinates leave free.
+    """Velocity fields of the rigid motions that fixed coordinates leave free.
 
     Parameters
     ----------
@@ -88,9 +88,9 @@ def unsupported_fields(system: System, x: NDArray) -> NDArray[np.float64]:
 
 
 def _unsupported(system: System, x: NDArray) -> tuple[NDArray, NDArray, NDArray]:
-    """Center, velocities (n, 3, 6) of six rigid motions about it, and combinations that move no support.
+    """Centre, velocities (n, 3, 6) of rigid motions about it, (k, 6) combinations that move no support.
 
-    Each combination has three translations over the size of the system, and three rotations.
+    The first three coefficients are translations over the size of the system, the others rotations.
     """
     center = x.mean(axis=0)
     arms = (x - center) / system.size
@@ -105,8 +105,8 @@ def _unsupported(system: System, x: NDArray) -> tuple[NDArray, NDArray, NDArray]
     return center, fields, motions[int((values > NULL_TOLERANCE * values[0]).sum()) :]
 
 
-def _costs_nothing(system: System, potentials: Sequence[Potential], x: NDArray, motion: NDArray) -> bool:
-    """Whether potentials stay in a finite rigid motion: those of a clamp that holds directions would not."""
+def _is_unresisted(system: System, potentials: Sequence[Potential], x: NDArray, motion: NDArray) -> bool:
+    """Whether potentials are constant in a finite rigid motion; a clamp that holds directions resists it."""
     center, shift, turn = x.mean(axis=0), motion[:3], motion[3:]
     angles = TEST_ANGLE * turn / max(float(np.linalg.norm(turn)), NULL_TOLERANCE)
     moved = Rotation.from_rotvec(angles).apply(x - center) + center + TEST_ANGLE * system.size * shift

@@ -1,4 +1,4 @@
-"""Rounding scales of energies and momenta: smaller differences are not significant."""
+"""Rounding of energies and momenta due to rounded positions: smaller differences are not significant."""
 
 from __future__ import annotations
 
@@ -11,29 +11,30 @@ from numpy.typing import NDArray
 from ddgcli.mechanics.pieces import pieces_of
 from ddgcli.mechanics.terms import Potential
 
-# relative rounding of a sum of n terms of about fifty operations each, divided by the root of n
+# relative rounding of a sum of n terms, each of about fifty operations, divided by the square root of n
 SUM_ROUNDING = 1e-14
-STEP_DOUBLING_SPACINGS = 2.0  # of numbers: a step and its two halves round positions three times by a half
+# rounding of step doubling in spacings of floats: a step and its two halves round positions three times
+STEP_DOUBLING_SPACINGS = 2.0
 
 
 @dataclass(frozen=True)
 class Rounding:
     """Effect of rounded positions on the energy and the momentum of a system.
 
-    A position is stored to `length` = eps max |x|. That moves an elastic energy by f . d + d' K d / 2, with
-    |d| <= `length` for every coordinate: at most `force` times `length` in the first order, and
-    `length`^2 tr(K) / 2 on average over the signs of d in the second. A step of length dt takes `length` / dt
-    for a velocity, and adds the impulse dt K d: while dt^2 K < 4 M, as explicit steps need and as fast as
-    implicit ones let a wave swing, that is an energy below 2 d' K d.
+    Positions are rounded by at most `length` = eps max |x|. A change d with |d| <= `length` in every
+    coordinate changes an elastic energy by f . d + d' K d / 2: the first-order term is at most `force` times
+    `length`, and the second-order term `length`^2 tr(K) / 2 on average over the signs of d. In a step of
+    length dt, it changes velocities by `length` / dt, and adds the impulse dt K d. While dt^2 K < 4 M, as
+    explicit steps require and as the fastest waves of implicit steps fulfil, its energy is below 2 d' K d.
 
     Parameters
     ----------
     length : float
-        m.
+        In m.
     mass, stiffness : float
-        kg and N/m: traces of the mass matrix (three coordinates per vertex) and of the elastic Hessian.
+        Traces of the mass matrix (three coordinates per vertex) in kg, and of the elastic Hessian in N/m.
     force : float
-        N: sum of the absolute forces of all potentials on the coordinates.
+        Sum of the absolute forces of all potentials over all coordinates, in N.
     """
 
     length: float
@@ -43,7 +44,7 @@ class Rounding:
 
     @classmethod
     def at(cls, potentials: Sequence[Potential], mass: NDArray, x: NDArray) -> Rounding:
-        """Scales of potentials and (n,) masses at the positions x (n, 3)."""
+        """Rounding for potentials and masses (n,) at the positions x (n, 3)."""
         force = stiffness = 0.0
         for potential in potentials:
             force += float(np.abs(potential.gradient(x)).sum())
@@ -52,16 +53,16 @@ class Rounding:
         return cls(float(np.finfo(float).eps * np.abs(x).max()), 3 * float(mass.sum()), stiffness, force)
 
     def energy(self, dt: float = np.inf, steps: int = 0) -> float:
-        """Energy in J that rounding adds at most in a run of steps of length dt; by default in one state.
+        """Bound in J of the energy due to rounding in a run of steps of length dt; by default in one state.
 
-        Rounding errors may be alike in every step: then momenta add up, and energies grow with the square.
+        Rounding errors may be the same in every step: then momenta add up, and energies grow with the square.
         """
         # a product of floats becomes infinite where a power raises OverflowError
         second = 2 * self.length * self.length * (self.stiffness + self.mass / dt / dt)
         return (1 + steps) * self.force * self.length + (1 + steps) ** 2 * second
 
     def momentum(self, dt: float = np.inf, steps: int = 0) -> float:
-        """Momentum in kg m/s that rounding adds at most in a run of steps of length dt."""
+        """Bound in kg m/s of the momentum due to rounding in a run of steps of length dt."""
         return (1 + steps) * self.length * (self.mass / dt + 2 * np.sqrt(self.mass * self.stiffness))
 
 
@@ -78,7 +79,7 @@ def sum_rounding(scale: float, count: int) -> float:
     Parameters
     ----------
     scale : float
-        Absolute sum of the terms.
+        Sum of the absolute terms.
     count : int
         Number of terms.
 
@@ -98,7 +99,7 @@ def least_tolerance(x: NDArray, size: float) -> float:
     x : (n, 3) ndarray of float64
         Positions in m.
     size : float
-        Of the object, in m.
+        Size of the object, in m.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Quasi-Newton moves: one factorisation of a Hessian, corrected by the moves since then."""
+"""Quasi-Newton moves (limited-memory BFGS) that start from a factorised Hessian."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 from ddgcli.linalg.secant import secant_solve
 
 MAX_SECANTS = 8
-# of the last move: up to this length, a move by secants costs less than one by a new Hessian
+# ratio to the last move up to which quasi-Newton moves cost less than a move with a new Hessian
 MAX_SECANT_RATIO = 0.8
 
 
 class Secants:
-    """Limited-memory BFGS about a factorisation: J. Nocedal, S. Wright, "Numerical optimization", 2006, 7.2.
+    """Moves and gradient changes for limited-memory BFGS in one step; a new factorisation discards them.
 
-    The moves and changes of the gradient of one step; a new factorisation starts again.
+    J. Nocedal, S. Wright, "Numerical optimization", 2006, section 7.2.
     """
 
     def __init__(self) -> None:
@@ -25,7 +25,7 @@ class Secants:
         self._last: tuple[NDArray, NDArray] | None = None
 
     def add(self, y: NDArray, g: NDArray) -> None:
-        """Positions and the gradient there, as vectors of the unknowns."""
+        """Add positions and the gradient there, as vectors over the unknowns."""
         if self._last is not None:
             move, change = y - self._last[0], g - self._last[1]
             if float(move @ change) > 0:
@@ -37,5 +37,5 @@ class Secants:
         self._pairs = []
 
     def solve(self, rhs: NDArray, precondition: Callable[[NDArray], NDArray]) -> NDArray[np.float64]:
-        """Approximate solution with the Hessian, by that with a nearby matrix, positive definite like it."""
+        """Approximate solution with the Hessian, given solves with a nearby positive definite matrix."""
         return secant_solve(rhs, self._pairs, precondition)

@@ -1,4 +1,4 @@
-"""Loads beside the rounding of elastic forces, which hides smaller ones."""
+"""Comparison of loads with the rounding of elastic forces, which hides smaller loads."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from numpy.typing import NDArray
 
 from ddgcli.mechanics.system import System
 
-MAX_UNBALANCED = 0.1  # of the largest load on a vertex: what an equilibrium may leave without a warning
+MAX_UNBALANCED = 0.1  # residual force over the largest load on a vertex, above which a warning is issued
 
 
 def largest_load(system: System, x: NDArray) -> float:
-    """Largest component of the loads on a vertex in N, where it may move.
+    """Largest component of the load on a free coordinate, in N.
 
     Parameters
     ----------
     system : System
-        At the time of the loads.
+        The system at the time of the loads.
     x : (n, 3) ndarray
         Positions in m.
 
@@ -29,7 +29,7 @@ def largest_load(system: System, x: NDArray) -> float:
 
 
 def force_rounding(system: System) -> float:
-    """Elastic force on a vertex that rounded positions give: nothing moves by less.
+    """Elastic force on a vertex due to rounding of the positions; smaller loads have no effect.
 
     Parameters
     ----------
@@ -45,14 +45,14 @@ def force_rounding(system: System) -> float:
 
 
 def larger_loads(largest: float, left: float) -> str:
-    """Advice for loads of which too much is left: they are to be larger.
+    """Advice to apply larger loads, whose residual is then small enough.
 
     Parameters
     ----------
     largest : float
         Largest load on a vertex in N.
     left : float
-        Force in N that no load balances.
+        Residual force in N.
 
     Returns
     -------

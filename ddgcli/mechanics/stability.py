@@ -11,15 +11,14 @@ from numpy.typing import NDArray
 from ddgcli.mechanics.system import System
 from ddgcli.mechanics.terms import Mode, Potential
 
-MAX_POWERS = 60  # of the matrix, in its power iteration
+MAX_POWERS = 60  # power iterations for the largest eigenvalue
 
 
 def stable_step(system: System, x: NDArray, reach: float) -> float:
     """Largest step of an explicit scheme that is stable.
 
-    The frequency is that of the elastic terms at `x` and of the barriers where they are expected stiffest,
-    there or later.
-    Damping of rate c shortens the step: explicit schemes take the velocity from before.
+    The frequency is that of the elastic terms at `x`, plus the largest expected stiffness of the barriers.
+    Damping with rate c shortens the step, because explicit schemes use the velocity before the step.
 
     Parameters
     ----------
@@ -27,7 +26,7 @@ def stable_step(system: System, x: NDArray, reach: float) -> float:
     x : (n, 3) ndarray of float64
         Positions in m.
     reach : float
-        The scheme is stable while step times angular frequency is below it.
+        Step times angular frequency below which the scheme is stable.
 
     Returns
     -------
@@ -37,7 +36,7 @@ def stable_step(system: System, x: NDArray, reach: float) -> float:
     if not np.isfinite(reach):
         return np.inf
     elastic = [p for p in system.potentials if len(p.stencil)]
-    barrier = sum((b.stiffest(x) for b in system.barriers), np.zeros(len(x)))
+    barrier = sum((b.expected_stiffness(x) for b in system.barriers), np.zeros(len(x)))
     square = _largest_rate(system, elastic, x, "material") + float((barrier / system.mass).max())
     for p in system.potentials:
         if p.low_rank is not None:
@@ -53,7 +52,7 @@ def _largest_rate(system: System, terms: Sequence[Potential], x: NDArray, mode: 
     """Largest eigenvalue of M^-1 K by power iteration, K the sum of element blocks at x."""
     if not terms:
         return 0.0
-    from ddgcli.mechanics.hessian import assembly_of_terms, blocks_of  # a scene of loads alone needs none
+    from ddgcli.mechanics.hessian import assembly_of_terms, blocks_of  # not needed with loads alone
 
     assembly = assembly_of_terms(system.free, terms)
     build = assembly.block_matrix if assembly.by_vertex else assembly.matrix
@@ -68,8 +67,8 @@ def _largest_rate(system: System, terms: Sequence[Potential], x: NDArray, mode: 
         if not norm > 0:
             return 0.0
         w /= norm
-        # internal unknowns are held: free, they could only lower the rate
-        kw = assembly.spread(stiffness @ assembly.vector(w))
+        # internal unknowns are held at 0; free, they could only lower the rate
+        kw = assembly.scatter(stiffness @ assembly.gather(w))
         largest = float(np.sum(w * kw))
         w = kw / mass
     return largest

@@ -1,4 +1,4 @@
-"""A mechanical system: masses and the terms that the scene names."""
+"""A mechanical system (masses and terms), and its state of motion."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from ddgcli.mechanics.terms import (
 from ddgcli.simulation.account import Account
 
 NO_MULTIPLIERS = np.zeros(0)
-LINEAR_SOLVER = "linear solver"  # key of a cache: conjugate gradients that solve the systems of steps
+LINEAR_SOLVER = "linear solver"  # key in `System.cache` of the conjugate gradients for implicit steps
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,19 +40,19 @@ class Motion:
     x, v, a : (n, 3) ndarray
         Positions, velocities, accelerations (of schemes that keep them).
     newton : int
-        Newton iterations since the start.
+        Number of Newton iterations since the start.
     balance_excess : float
-        Joules by which the balance of energy exceeds its minimum, where the scheme watches it.
+        Energy balance above its minimum, in J, if the scheme checks it.
     time : float
-        s.
+        In s.
     work : float
-        Joules that handles, loads that change in time and wind have added since the start.
+        Work of handles, time-dependent loads and wind since the start, in J.
     memory : tuple of dict of str to ndarray
-        Of each term with a memory.
+        Arrays of each term with a memory.
     past : tuple of ndarray
-        Of multistep schemes: positions and velocities a step before, and the length of that step (0: none).
+        For multistep schemes: positions and velocities a step before, and the length of that step (0: none).
     multipliers : (e,) ndarray
-        Of constraints: tensions of rigid edges in N.
+        Lagrange multipliers of constraints: tensions of rigid edges in N.
     """
 
     x: NDArray[np.float64]
@@ -68,7 +68,7 @@ class Motion:
 
 
 class System:
-    """Masses and terms; what the scene did not name is not here.
+    """Masses and terms of a mechanical system.
 
     Parameters
     ----------
@@ -76,24 +76,24 @@ class System:
     terms : sequence of Term and Memory
     account : Account
     start : (n, 3) ndarray
-        Positions at the start of the run, also of a resumed one: the scale of tolerances and of rounding.
+        Positions at the start of the run, even if it was resumed: the scale of tolerances and of rounding.
     size : float, optional
-        Of the object, in metres; default the longest side of its bounding box.
+        Size of the object in m; by default the longest side of its bounding box.
 
     Attributes
     ----------
     size : float
-        Of the object, in metres.
+        Size of the object in m.
     linear : bool
-        Every potential is quadratic with a constant matrix, coordinate by coordinate.
+        Whether every potential is quadratic, with one constant matrix for each coordinate.
     cache : dict
-        What solvers keep between the steps, by their names.
+        Data that solvers reuse between steps, by name.
     constraints : list of RigidEdges
         At most one.
     free, support_mask : (n, 3) ndarray of bool
         Coordinates that are not fixed; those fixed by supports.
     pushed : bool
-        Obstacles move, so that the stored energy depends on time.
+        Whether obstacles move, so that the stored energy depends on time.
     """
 
     def __init__(
@@ -109,7 +109,7 @@ class System:
         self.terms: tuple[Term, ...] = tuple(p for p in terms if not isinstance(p, Memory))
         for term in self.terms:
             _require_kind(term)
-        self._choose(self.terms)
+        self._sort_terms(self.terms)
         self.prescribed = [p for p in terms if isinstance(p, PrescribedMotion)]
         self.supports = [p for p in terms if isinstance(p, FixedCoordinates | PrescribedMotion) and p.name]
         self.constraints: list[Any] = [p for p in self.terms if isinstance(p, Constraint)]
@@ -131,8 +131,8 @@ class System:
         self.varies = timed or bool(self.prescribed)
         self.pushed = any(term.travel_work is not None for term in self.terms)
 
-    def _choose(self, terms: Sequence[Term], obstacle_time: float | None = None) -> None:
-        """Sort the terms by kind, those that depend on time at `self.time`, obstacles at their own."""
+    def _sort_terms(self, terms: Sequence[Term], obstacle_time: float | None = None) -> None:
+        """Sort the terms by kind: terms at `self.time`, obstacles at `obstacle_time` if it is given."""
         of_obstacles = self.time if obstacle_time is None else obstacle_time
         now = [
             p if p.at is None else p.at(self.time if p.travel_work is None else of_obstacles) for p in terms
@@ -142,31 +142,31 @@ class System:
         self.barriers: list[BarrierPotential] = [p for p in now if isinstance(p, BarrierPotential)]
 
     def at(self, time: float) -> System:
-        """The system at a time in s; itself where nothing depends on time.
+        """The system at a time in s; itself if nothing depends on time.
 
-        Solvers share their cache between the times.
+        The systems at all times share one cache.
         """
         if not self.varies or time == self.time:
             return self
         system = copy.copy(self)
         system.time = time
-        system._choose(self.terms)
+        system._sort_terms(self.terms)
         return system
 
     def with_obstacles_at(self, time: float) -> System:
-        """The system whose moving obstacles are where they are at a time in s, and all else as it is."""
+        """The system with its moving obstacles at their positions at a time in s, otherwise unchanged."""
         system = copy.copy(self)
-        system._choose(self.terms, time)
+        system._sort_terms(self.terms, time)
         return system
 
     def with_own_account(self) -> System:
-        """The system with its own account: what is computed after a run is not booked to effects."""
+        """The system with an account of its own, for computations that do not belong to the run."""
         system = copy.copy(self)
         system.account = Account()
         return system
 
     def begin_step(self) -> None:
-        """Discard what terms keep from earlier steps: a step has the bits of its arguments alone."""
+        """Discard what terms have cached in earlier steps, so that a step depends only on its arguments."""
         for barrier in self.barriers:
             if barrier.begin_step is not None:
                 barrier.begin_step()
@@ -174,7 +174,7 @@ class System:
     def with_memory_at(self, memory: tuple[Arrays, ...]) -> System:
         """The system whose terms with a memory have these arrays; itself without such terms.
 
-        The last such system is kept as long as the arrays are the same objects.
+        The last such system is cached, and returned again for the same array objects.
         """
         if not self.memories:
             return self
@@ -183,7 +183,7 @@ class System:
             system = copy.copy(self)
             new = {id(m.potential): m.at(arrays) for m, arrays in zip(self.memories, memory)}
             system.terms = tuple(new.get(id(term), term) for term in self.terms)
-            system._choose(system.terms)
+            system._sort_terms(system.terms)
             last = self.cache["memory"] = (memory, system)
         return last[1]
 
@@ -210,7 +210,7 @@ class System:
         if self.all_free:
             return vectors
         vectors = np.array(vectors, dtype=np.float64, order="C")
-        vectors.ravel()[self._fixed] = 0.0  # a few: a mask would read all
+        vectors.ravel()[self._fixed] = 0.0  # by index: a mask would read all coordinates for a few fixed ones
         return vectors
 
     def fixed_as(self, x: NDArray, y: NDArray) -> NDArray[np.float64]:
@@ -223,9 +223,9 @@ class System:
 
     @cached_property
     def rounding(self) -> Rounding:
-        """What rounding of the positions at the start does to energies and momenta, without barriers.
+        """Rounding of energies and momenta due to that of the positions at the start, without barriers.
 
-        Those of obstacles that move may have passed these positions.
+        The barriers of moving obstacles are not finite at positions that the obstacles have passed.
         """
         regular = [p for p in self.potentials if not isinstance(p, BarrierPotential)]
         return Rounding.at(regular, self.mass, self.start)
@@ -243,7 +243,7 @@ class System:
         return self.only_free(self.full_gradient(x))
 
     def low_rank(self, x: NDArray) -> NDArray[np.float64] | None:
-        """(n, 3, k) columns U of the dense part U U^T of the Hessian; None without it."""
+        """(n, 3, k) columns U of the low-rank term U U^T of the Hessian; None without one."""
         dense = [p for p in self.potentials if p.low_rank is not None]
         return np.stack([p.low_rank(x) for p in dense], axis=-1) if dense else None
 
@@ -350,12 +350,12 @@ class System:
         return force / self.mass[:, None]
 
     def has_drag(self, v: NDArray) -> bool:
-        """Whether dissipation acts at velocities v (n, 3): at rest only the air of wind does."""
+        """Whether dissipation acts at velocities v (n, 3); on a system at rest only wind does."""
         return bool(self.dissipations) and (bool(v.any()) or any(d.active for d in self.dissipations))
 
 
 def _require_kind(term: Any) -> None:
-    """TypeError for a term that a system would leave out."""
+    """TypeError for a term that the system would ignore."""
     kinds = Potential | Dissipation
     if isinstance(term, kinds | FixedCoordinates | PrescribedMotion | Constraint):
         return

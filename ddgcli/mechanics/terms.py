@@ -1,4 +1,7 @@
-"""Terms of a mechanical system, which effects return: potentials, dissipation, fixed coordinates."""
+"""Terms of a mechanical system: potentials, dissipation, constraints, supports, memories.
+
+Effects of scenes return terms; `system` collects them.
+"""
 
 from __future__ import annotations
 
@@ -21,20 +24,20 @@ NO_ELEMENTS.flags.writeable = False
 
 
 class Term:
-    """What an effect adds to a system; a member that is None is one that the term does not have.
+    """Contribution of an effect to a system. Optional members are None if a term does not have them.
 
     Attributes
     ----------
     name : str
-        Of the effect.
+        Name of the effect.
     obstacle : str
-        Name of the obstacle that the term's force is exerted on; "" without one.
+        Name of the obstacle with which the term exchanges forces; "" without one.
     vertices : slice or None
-        Of the object, in a system of several.
+        Vertices of the object of the term, in a system of several objects.
     at : method (time in s) -> Potential or Dissipation
-        Of a term that depends on time.
+        The term at a time, if it depends on time.
     travel_work : method (x, before, after) -> float
-        Joules that a moving obstacle adds between two pairs of a time and positions, with the force at x.
+        Energy in J that a moving obstacle adds between two pairs of a time and positions, with the force at x.
     """
 
     name: str
@@ -45,7 +48,7 @@ class Term:
 
     @property
     def own_term(self) -> Any:
-        """The term of the object alone, without what places or divides it."""
+        """The term of a single object, without embedding in a system and division into pieces."""
         return self
 
     @property
@@ -55,36 +58,36 @@ class Term:
 
 
 class Potential(Term, ABC):
-    """An energy of the positions, as a sum over elements.
+    """A potential energy of the positions, as a sum over elements.
 
-    An energy that is the least one over internal unknowns (edge rotations) lists these in `stencil` by
-    numbers from n on, and `blocks` are Hessians in both; of an internal unknown only the first of its three
-    rows is used.
+    An energy may be the minimum over internal unknowns, such as edge rotations. These have indices from n on
+    in `stencil`, and `blocks` are the Hessians by positions and internal unknowns; only the first of the
+    three rows of an internal unknown is used.
 
     Attributes
     ----------
     stencil : (k, s) ndarray of int
         Vertices of each element; empty where the gradient is constant.
     exact_energy : bool
-        Whether the gradient is that of the energy; else the work is that of the force along the path.
+        Whether `gradient` is the gradient of `energy`; otherwise work is integrated along the path.
     hessian : method (x, mode) -> (3n, 3n) sparse array, or None for zero
-        Of a potential whose elements change from place to place, and whose stencil is empty.
+        Hessian of a potential whose elements change with the positions, and whose stencil is empty.
     pair_blocks : method (x, mode) -> (3, 3, p, k) ndarray
-        Blocks of the p pairs of vertices of the elements, where the energy is invariant to translations.
+        Blocks of the p vertex pairs of the elements, if the energy is translation invariant.
     matrix : (n, n) sparse array
-        Of an energy that is quadratic with the same matrix for each coordinate.
+        Matrix of a quadratic energy, the same for each coordinate.
     low_rank : method (x) -> (n, 3) ndarray u
         The Hessian is that of the blocks plus u u^T.
     material_operator : method (x) -> LinearOperator
         Product of the material Hessian at x with vectors (n, 3), without its blocks.
     subset : method (rows, stencil) -> Potential
-        Some of the elements, with these vertex indices.
+        Potential of some elements, which get the vertex indices `stencil`.
     linearised : method (x, move) -> Potential
-        The Hessian has the stress to which x + move leads to first order.
+        Potential whose Hessian uses the stress at x + move, linearised in the move.
     scaled : method (factor) -> Potential
-        A load times a factor.
+        Load times a factor; only loads have this method.
     couples : method (x) -> ((c, 2) vertices, (c, 3) moments)
-        Of the supports on directions of edges that they hold.
+        Edges whose direction supports hold, and moments of the supports on them.
     observed : method (x) -> dict of str to float
         Scalars of a frame.
     """
@@ -112,8 +115,8 @@ class Potential(Term, ABC):
     def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
         """(k, 3s, 3s) Hessians of the elements, coordinates of a vertex together.
 
-        `exact`, `projected` (positive semidefinite) or `material` (Gauss-Newton: the part that a rigid motion
-        does not feel); the next call may reuse the array.
+        `exact`; `projected` to positive semidefinite; or `material` (Gauss-Newton), in which rigid motions
+        have no energy. The next call may reuse the array.
         """
 
     @property
@@ -123,16 +126,16 @@ class Potential(Term, ABC):
 
 
 class BarrierPotential(Potential):
-    """A potential that is infinite outside an admissible set (a barrier); 0 where nothing is in contact.
+    """A barrier: a potential that is infinite outside an admissible set, and 0 without contact.
 
     Attributes
     ----------
     crosses : method (before, after) -> bool
-        Whether surfaces meet along the straight path.
+        Whether surfaces collide along the straight path.
     begin_step : method () -> None
-        Discards what the potential keeps from earlier steps.
+        Discards what the potential has cached in earlier steps.
     carried : method (x, since) -> (n, 3) ndarray or None
-        Positions x of the time `since`, moved along with a moving obstacle; None where surfaces would meet.
+        Positions x of the time `since`, moved along with a moving obstacle; None if surfaces would collide.
     """
 
     crosses: Any = None
@@ -140,16 +143,19 @@ class BarrierPotential(Potential):
     carried: Any = None
 
     @abstractmethod
-    def longest(self, x: NDArray, move: NDArray) -> float:
-        """Largest fraction in (0, 1] of `move` that stays inside."""
+    def collision_free_fraction(self, x: NDArray, move: NDArray) -> float:
+        """Largest fraction in (0, 1] of `move` that stays in the admissible set."""
 
     @abstractmethod
     def outside(self, x: NDArray) -> tuple[int, float] | None:
-        """First vertex that is outside and its gap, or None."""
+        """A vertex outside the admissible set and its gap, or None."""
 
     @abstractmethod
-    def stiffest(self, x: NDArray) -> NDArray[np.float64]:
-        """(n,) curvature in N/m that a vertex is expected to meet from `x` on: for explicit steps."""
+    def expected_stiffness(self, x: NDArray) -> NDArray[np.float64]:
+        """(n,) largest stiffness in N/m that each vertex is expected to meet, at `x` or later.
+
+        Explicit schemes derive their step from it.
+        """
 
 
 class Dissipation(Term, ABC):
@@ -159,12 +165,12 @@ class Dissipation(Term, ABC):
     ----------
     stencil : (k, s) ndarray of int
     active : bool
-        It can also add energy, as wind does, whose air moves.
+        Whether it can also add energy, as wind does.
     smooth : bool
-        It is a smooth function of the positions, of inadmissible ones too: implicit steps take it at
-        predicted positions.
+        Whether it is a smooth function of the positions, including inadmissible ones: implicit steps then
+        evaluate it at predicted positions.
     lagged : method (time in s) -> Dissipation
-        The one whose normal forces are those of an earlier time.
+        The dissipation with the normal forces of an earlier time.
     """
 
     stencil: NDArray[np.int64]
@@ -174,7 +180,7 @@ class Dissipation(Term, ABC):
 
     @abstractmethod
     def frozen(self, x: NDArray, dt: float) -> Potential:
-        """R as a potential of the velocity, with everything that depends on positions taken at `x`."""
+        """R as a potential of the velocity, with positions fixed at `x`."""
 
 
 OPTIONAL_MEMBERS = tuple(
@@ -190,22 +196,22 @@ class Constraint(Term, ABC):
 
     @abstractmethod
     def jacobian(self, x: NDArray) -> Any:
-        """Sparse (e, 3n) derivatives of the equations in the positions."""
+        """Sparse (e, 3n) derivatives of the equations by the positions."""
 
 
-BLOCK_ROWS = 4096  # whose working arrays stay in the cache
+BLOCK_ROWS = 4096  # elements whose working arrays fit into the processor's cache
 Arrays = dict[str, NDArray[np.float64]]
 
 
 class Memory(ABC):
-    """A potential of another term that depends on the past, through arrays that change between steps.
+    """Dependence of a term on the past, through arrays that change between steps.
 
     Attributes
     ----------
     potential : Term
-        The one that it replaces.
+        The term that depends on the arrays; `at` returns its replacement.
     effect : str
-        Name that its time is booked to.
+        Name of the effect in the accounting of time.
     """
 
     potential: Any
@@ -213,12 +219,12 @@ class Memory(ABC):
 
     @property
     def is_zero(self) -> bool:
-        """Whether the term that it replaces is a load of strength zero."""
+        """Whether the term is a load of strength zero."""
         return self.potential.is_zero
 
     @abstractmethod
     def initial(self) -> Arrays:
-        """The arrays at the start of a run; `work` (1,), if among them: joules dissipated so far."""
+        """The arrays at the start of a run. `work` (1,), if present, is the energy dissipated so far in J."""
 
     @abstractmethod
     def at(self, memory: Arrays) -> Any:
@@ -226,25 +232,25 @@ class Memory(ABC):
 
     @abstractmethod
     def commit(self, x: NDArray, memory: Arrays) -> Arrays:
-        """The arrays after a step that ends at x; the same object where they do not change."""
+        """The arrays after a step that ends at x; the same object if they do not change."""
 
 
 class PlasticMemory(Memory):
-    """A memory of plastic strains: an equilibrium has to find them together with its positions."""
+    """A memory of plastic strains, which an equilibrium determines together with the positions."""
 
     @abstractmethod
     def distance(self, one: Arrays, other: Arrays) -> float:
-        """Largest difference of the plastic strains of two memories, over the limit."""
+        """Largest difference of the plastic strains of two memories, over the yield limit."""
 
     @abstractmethod
     def quasi_static(self, x: NDArray, before: Arrays, after: Arrays) -> Arrays:
-        """`after` with the work of a slow path from `before` that ends at x, in balance at all times."""
+        """`after` with the work of a quasi-static path from `before` to the positions x."""
 
     @abstractmethod
     def carried(self, before: Any, memory: Arrays, rows: NDArray) -> Arrays:
         """The arrays after a change of the mesh, from those of the memory `before` it.
 
-        `rows` (n,) are the vertices before that the vertices were.
+        `rows` (n,) are the indices of the vertices before the change.
         """
 
 
@@ -256,7 +262,7 @@ class FixedCoordinates(Term):
     ----------
     mask : (n, 3) ndarray of bool
     name : str
-        Of the reaction force; "" where none is reported.
+        Name of the reaction force; "" if none is reported.
     supports : bool
         Whether they hold the object; those of vertices that no face uses do not.
     """
@@ -268,16 +274,16 @@ class FixedCoordinates(Term):
 
 @dataclass(frozen=True, eq=False)
 class PrescribedMotion(Term):
-    """Vertices that follow a given motion.
+    """Vertices with a prescribed motion.
 
     Parameters
     ----------
     mask : (n, 3) ndarray of bool
-        True in the rows of these vertices.
+        True in the rows of the vertices.
     motion : callable time -> (x, v, a)
         (k, 3) positions, velocities and accelerations of the vertices, in ascending order.
     name : str
-        Of the reaction force.
+        Name of the reaction force.
     """
 
     mask: NDArray[np.bool_]
@@ -293,7 +299,7 @@ class RampedLoad(Term):
     ----------
     potential : potential with a method `scaled(factor)`
     times, factors : (k,) ndarray
-        Seconds, ascending; before the first and after the last the factor is constant.
+        Times in s, ascending, and factors; before the first and after the last time the factor is constant.
     """
 
     potential: Any
@@ -310,7 +316,7 @@ class RampedLoad(Term):
 
 @dataclass(frozen=True, eq=False)
 class ProportionalLoad(Term):
-    """A potential times time over a duration, without bounds: the load of an equilibrium path."""
+    """A potential times time / duration, for any time: the load of an equilibrium path."""
 
     potential: Any
     duration: float
@@ -331,7 +337,7 @@ class DeadLoad(Potential):
     ----------
     name : str
     force : (n, 3) ndarray
-        Newtons on each vertex.
+        Force on each vertex, in N.
     """
 
     name: str
@@ -360,14 +366,15 @@ Value = TypeVar("Value")
 
 
 def at_last_point(method: Callable[[Any, NDArray], Value]) -> Callable[[Any, NDArray], Value]:
-    """Cache a method's value at the last array of positions (the same object, which is not written to).
+    """Cache a method's value for the last array of positions, which is recognised by its identity.
 
-    Energy, gradient and Hessian of a Newton iteration are evaluated at one point and share results.
+    Energy, gradient and Hessian of a Newton iteration are evaluated at one point and share results. Arrays of
+    positions are never modified in place.
 
     Parameters
     ----------
     method : callable
-        Of an object and its positions.
+        Method whose only argument is an array of positions.
 
     Returns
     -------

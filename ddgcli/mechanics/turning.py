@@ -1,9 +1,9 @@
-"""Newton's iteration through large rotations, with the stress as a second unknown.
+"""Newton's method through large rotations, with the stress as an independent unknown (mixed Newton).
 
-A finite move along a turn stretches what it turns. The Hessian with that stress, which the next move takes
-away, allows short moves only; with the stress that the move had to first order, moves are long. D. Magisano,
-L. Leonetti, G. Garcea, "How to improve efficiency and robustness of the Newton method in geometrically
-non-linear structural problem discretized via displacement-based finite elements", 2017.
+A finite move along a linearised rotation stretches the elements, and a Hessian with this spurious stress
+allows only short moves. With the stress linearised in the move, moves can be long. D. Magisano, L. Leonetti,
+G. Garcea, "How to improve efficiency and robustness of the Newton method in geometrically non-linear
+structural problem discretized via displacement-based finite elements", 2017.
 """
 
 from __future__ import annotations
@@ -20,27 +20,27 @@ from ddgcli.mechanics.objective import Objective
 from ddgcli.mechanics.terms import Mode
 
 MAX_TURNING_MOVES = 40
-MAX_TURNING_MOVE = 0.3  # of the object's size
-END_OF_TURN = 1e-5  # of the object's size: a move after which Newton's iteration needs no help
-SHIFT_RATIO = 0.1
+MAX_TURNING_MOVE = 0.3  # longest move over the object's size
+END_OF_TURN = 1e-5  # move over the object's size below which ordinary Newton moves suffice
+SHIFT_RATIO = 0.1  # factor on the shift in each move
 
 
 def turned(objective: Objective, start: Point, shift: float) -> tuple[Point | None, int]:
-    """A place of less energy, near an equilibrium that long moves lead to.
+    """A point of lower energy near an equilibrium, reached by long moves through rotations.
 
     Parameters
     ----------
     objective : Objective
     start : Point
     shift : float
-        Multiple of the masses that is added to the Hessian of the first move; less of it to each later one.
+        Multiple of the masses that is added to the Hessian of the first move; it decreases from move to move.
 
     Returns
     -------
     Point or None
-        None where the moves lead nowhere or upwards, and where contact or a gas acts.
+        None if the moves do not converge, or increase the energy, and with contact or a gas.
     int
-        Moves.
+        Number of moves.
     """
     system, increment = objective.system, Increment(0.0, start.y)
     solver = objective.solver(increment)
@@ -48,7 +48,7 @@ def turned(objective: Objective, start: Point, shift: float) -> tuple[Point | No
     if not linearisable or system.barriers or solver.by_blocks or objective.columns(start.y) is not None:
         return None, 0
     y, assumed = start.y, copy.copy(system)
-    mode: Mode = "projected"  # the stress at the start is that of its own short moves
+    mode: Mode = "projected"  # the stress at the start may be spurious, from earlier moves
     for count in range(1, MAX_TURNING_MOVES + 1):
         matrix = total_hessian(assumed, increment, solver.assembly, y, mode, shift)
         with system.account.within("solver"):
@@ -59,7 +59,7 @@ def turned(objective: Objective, start: Point, shift: float) -> tuple[Point | No
         with system.account.within("solver"):
             try:
                 solver.factorise(system, matrix, y, None)
-                move = objective.spread(solver.solve(objective.entries(-objective.gradient(increment, y))))
+                move = objective.scatter(solver.solve(objective.gather(-objective.gradient(increment, y))))
             except SolveError:
                 return None, count
         size = float(np.abs(move).max())

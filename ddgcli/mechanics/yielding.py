@@ -1,9 +1,9 @@
-"""Equilibria of what yields: positions and rest state together, by a fixed point.
+"""Equilibria of plastic shells: fixed-point iteration for positions and rest state.
 
-The rest state follows from the positions, by one return from that of the step before; the positions are the
-equilibrium of that rest state. Their iteration converges like (1 + h)^-k where the hardening is h, and D. G.
-Anderson's acceleration ("Iterative procedures for nonlinear integral equations", 1965) takes its few slow
-directions out.
+The rest state follows from the positions by one return mapping from that of the last step, and the positions
+are the equilibrium of this rest state. The iteration converges like (1 + h)^-k with hardening h; D. G.
+Anderson's acceleration ("Iterative procedures for nonlinear integral equations", 1965) removes the few slow
+directions.
 """
 
 from __future__ import annotations
@@ -14,42 +14,42 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.mechanics.increment import worst
+from ddgcli.mechanics.increment import worst_vertex
 from ddgcli.mechanics.system import Motion, System
 from ddgcli.mechanics.terms import Arrays, PlasticMemory
 from ddgcli.simulation.model import StepRejected
 
-MAX_RETURNS, MAX_HALVINGS = 60, 2  # a load that the limits do not bear fails in nearly all halves of its step
-RETURN_TOLERANCE = 1e-6  # of the limit: what a further return would add to the plastic strain
-MAX_DIFFERENCES = 8  # that the acceleration combines
-# what the acceleration may add, of the object's size: without hardening no end is near
-MAX_EXTRAPOLATION = 0.5
+MAX_RETURNS = 60  # return mappings in a step
+MAX_HALVINGS = 2  # of a load step that does not converge: a load above the limits fails in all shorter steps
+RETURN_TOLERANCE = 1e-6  # change of the plastic strain by a further return mapping, over the yield limit
+MAX_DIFFERENCES = 8  # differences that the acceleration combines
+MAX_EXTRAPOLATION = 0.5  # move by the acceleration over the object's size, above which nothing converges
 
 
 def yielding_equilibrium(
     system: System, start: Motion, equilibrium: Callable[[System, Motion], Motion]
 ) -> tuple[Motion, tuple[Arrays, ...]]:
-    """Equilibrium whose stresses are within the limits, and its rest state.
+    """Equilibrium with stresses within the yield limits, and its rest state.
 
     Parameters
     ----------
     system : System
-        With the terms of the scene, at no memory.
+        The system with the terms of the scene, before a memory is applied.
     start : Motion
     equilibrium : callable
-        The equilibrium of a system that is reached from a motion.
+        Computes the equilibrium of a system from a motion.
 
     Returns
     -------
     Motion
         At rest.
     tuple of dict of str to ndarray
-        The memory of its end.
+        The memory after the step.
 
     Raises
     ------
     StepRejected
-        No convergence: loads that the limits do not bear.
+        If it does not converge: the loads exceed the yield limits.
     """
     memory = start.memory
     after = equilibrium(system.with_memory_at(memory), start)
@@ -58,7 +58,7 @@ def yielding_equilibrium(
         return after, returned
     x, acceleration = after.x, _Acceleration()
     for _ in range(MAX_RETURNS):
-        # a path has its own start, from which the length of the step counts
+        # the arc length of a step on a path is measured from its start
         guess = replace(start, x=start.x if start.past else x, newton=after.newton)
         after = equilibrium(system.with_memory_at(_plastic(system, returned, memory)), guess)
         following = system.committed(after.x, memory)
@@ -69,17 +69,17 @@ def yielding_equilibrium(
         if not float(np.abs(x - after.x).max()) <= MAX_EXTRAPOLATION * system.size:
             break
         returned = system.committed(x, memory)
-    raise StepRejected("yields without end", worst(after.x - x), left, halvings=MAX_HALVINGS)
+    raise StepRejected("yields without end", worst_vertex(after.x - x), left, halvings=MAX_HALVINGS)
 
 
 def _plastic(system: System, returned: tuple[Arrays, ...], memory: tuple[Arrays, ...]) -> tuple[Arrays, ...]:
-    """What has yielded; any other memory changes at the end of a step only."""
+    """The new plastic memories; other memories do not change before the end of a step."""
     kinds = [isinstance(term, PlasticMemory) for term in system.memories]
     return tuple(new if plastic else old for plastic, new, old in zip(kinds, returned, memory))
 
 
 def _distance(system: System, one: tuple[Arrays, ...], other: tuple[Arrays, ...]) -> float:
-    """Largest difference of plastic strains over the limit."""
+    """Largest difference of plastic strains, over the yield limit."""
     rows = zip(system.memories, one, other)
     return max(term.distance(a, b) for term, a, b in rows if isinstance(term, PlasticMemory))
 
@@ -91,7 +91,7 @@ def _quasi_static(
     returned: tuple[Arrays, ...],
     following: tuple[Arrays, ...],
 ) -> tuple[Arrays, ...]:
-    """The memory at an equilibrium: rest states `returned`, and what else a step commits."""
+    """The memory at an equilibrium: rest states `returned`, and the other memories after the step."""
     rows = zip(system.memories, memory, returned, following)
     return tuple(
         term.quasi_static(x, old, new) if isinstance(term, PlasticMemory) else end
@@ -100,14 +100,14 @@ def _quasi_static(
 
 
 class _Acceleration:
-    """Anderson's: the next argument from the last arguments and values of a fixed-point map."""
+    """Anderson acceleration of a fixed-point map."""
 
     def __init__(self) -> None:
         self.arguments: list[NDArray] = []
         self.values: list[NDArray] = []
 
     def following(self, x: NDArray, value: NDArray) -> NDArray[np.float64]:
-        """The combination of values whose residuals cancel best."""
+        """Next argument: the combination of the last values with the least residual."""
         arguments, values = self.arguments, self.values
         arguments.append(x.ravel())
         values.append(value.ravel())

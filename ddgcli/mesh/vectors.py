@@ -152,6 +152,23 @@ def row_cross(a: NDArray, b: NDArray) -> NDArray[np.float64]:
     return product
 
 
+def cross_matrix(v: NDArray) -> NDArray[np.float64]:
+    """Skew-symmetric matrices M of vectors v, with M w = v x w.
+
+    Parameters
+    ----------
+    v : (m, 3) ndarray of float64
+
+    Returns
+    -------
+    (m, 3, 3) ndarray of float64
+    """
+    matrix = np.zeros((len(v), 3, 3))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        matrix[:, j, i], matrix[:, i, j] = v[:, k], -v[:, k]
+    return matrix
+
+
 def dot(a: NDArray, b: NDArray) -> NDArray[np.float64]:
     """Scalar products of vectors stored as columns.
 

@@ -57,13 +57,13 @@ def test_equal_steps_of_all_elements_are_those_of_verlet(stretching):
 
 
 def test_elements_of_a_graded_mesh_act_as_often_as_they_need_and_keep_the_order(monkeypatch):
-    divisions, divided = [], asynchronous._divided
+    divisions, divided = [], asynchronous._assign_levels
 
     def watched(system, dt):
         divisions.append(divided(system, dt))
         return divisions[-1]
 
-    monkeypatch.setattr(asynchronous, "_divided", watched)
+    monkeypatch.setattr(asynchronous, "_assign_levels", watched)
     run("avi", 2e-3, 4e-3)
     (levels,) = divisions
     counts = [sum(len(b.potential.stencil) for b in batches) for batches in levels.batches]
@@ -75,9 +75,9 @@ def test_elements_of_a_graded_mesh_act_as_often_as_they_need_and_keep_the_order(
 
 def test_elements_of_two_coupled_shells_act_as_often_as_they_need(monkeypatch):
     """The elements of a group were all on the finest level."""
-    divisions, divided = [], asynchronous._divided
+    divisions, divided = [], asynchronous._assign_levels
     monkeypatch.setattr(
-        asynchronous, "_divided", lambda *system: divisions.append(divided(*system)) or divisions[-1]
+        asynchronous, "_assign_levels", lambda *system: divisions.append(divided(*system)) or divisions[-1]
     )
 
     def energies(integrator, step):

@@ -62,7 +62,7 @@ def test_one_open_edge_in_the_interior_splits_no_vertex_and_two_in_a_row_split_o
     opened[np.flatnonzero((edges == edges[0, 1]).any(axis=1))[-1]] = True
     split = split_surface(mesh.topology, opened)
     assert list(split.origin[mesh.n_vertices :]) == [edges[0, 1]]
-    assert split.pieces == 1
+    assert split.n_pieces == 1
 
 
 def test_edges_across_a_shell_cut_it_in_two_pieces_with_a_copy_of_each_vertex_between():
@@ -70,7 +70,7 @@ def test_edges_across_a_shell_cut_it_in_two_pieces_with_a_copy_of_each_vertex_be
     edges = interior(mesh)
     opened = (np.asarray(mesh.points)[edges][:, :, 0] == 2.0).all(axis=1)
     split = split_surface(mesh.topology, opened)
-    assert split.pieces == 2
+    assert split.n_pieces == 2
     middle = np.flatnonzero(np.asarray(mesh.points)[:, 0] == 2.0)
     assert sorted(split.origin[mesh.n_vertices :]) == sorted(middle)
     assert (split.origin[split.faces] == mesh.faces).all()
@@ -80,7 +80,7 @@ def test_edges_across_a_shell_cut_it_in_two_pieces_with_a_copy_of_each_vertex_be
 def test_all_edges_open_leave_single_triangles():
     mesh = icosphere(1)
     split = split_surface(mesh.topology, np.ones(len(interior(mesh)), dtype=bool))
-    assert split.pieces == mesh.n_faces and len(split.origin) == 3 * mesh.n_faces
+    assert split.n_pieces == mesh.n_faces and len(split.origin) == 3 * mesh.n_faces
 
 
 def test_fans_that_met_in_a_vertex_from_the_start_stay_together():
@@ -89,7 +89,7 @@ def test_fans_that_met_in_a_vertex_from_the_start_stay_together():
     mesh = TriangleMesh(x, Topology(faces, 6))
     split = split_surface(mesh.topology, np.ones(1, dtype=bool))
     assert sorted(split.origin) == [0, 1, 1, 2, 2, 3, 4, 5]
-    assert split.pieces == 2
+    assert split.n_pieces == 2
 
 
 def crack_sum(state, epoch):

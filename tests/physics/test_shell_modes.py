@@ -79,7 +79,7 @@ def test_shapes_of_equal_frequencies_do_not_depend_on_the_start_of_the_iteration
     _, _, system = built(plate, poisson=0.3)
     objective = Objective(system)
     stiffness = csc_array(objective.hessian(Increment(0.0, plate.points), plate.points, "exact"))
-    mass = objective.entries(np.repeat(system.mass[:, None], 3, axis=1))
+    mass = objective.gather(np.repeat(system.mass[:, None], 3, axis=1))
     (values, shapes), (_, others) = (lowest_eigenpairs(stiffness, mass, 11, seed) for seed in (0, 1))
     assert (values[:6] == 0).all() and (np.abs(np.diff(values[6:])) < 1e-9 * values[7:]).any()
     assert np.abs(others - shapes).max() <= 1e-6 * np.abs(shapes).max()

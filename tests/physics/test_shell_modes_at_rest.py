@@ -99,7 +99,7 @@ def test_a_limp_strip_that_hangs_swings_as_a_chain_at_rest_and_warns_about_the_s
     start, (warning,) = frequencies(tmp_path, summary, scene)
     assert start[0] < 0.06 and f"one of {start[0]:.3g} Hz" in warning
     assert estimates[0].at_equilibrium[0] == pytest.approx(PENDULUM, rel=0.04)
-    assert estimates[0].way == pytest.approx(1000 * 9.81 * 0.3**2 / (2 * 3e6) / 0.3, rel=0.1)
+    assert estimates[0].displacement == pytest.approx(1000 * 9.81 * 0.3**2 / (2 * 3e6) / 0.3, rel=0.1)
     rest, warnings = frequencies(tmp_path, summary, scene, *warning.split("use ")[1].split())
     assert rest[0] == pytest.approx(PENDULUM, rel=0.02) and not warnings
 

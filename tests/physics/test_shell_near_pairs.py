@@ -5,7 +5,7 @@ import pytest
 
 from ddgcli.mesh.shapes import grid
 from ddgcli.models.shell import pair_contact
-from ddgcli.models.shell.near_pairs import REACH, NearPairs, spread
+from ddgcli.models.shell.near_pairs import REACH, NearPairs, largest_relative_move
 from ddgcli.models.shell.pair_contact import PairBarrier, PairMesh
 from tests.simulate import scalar, shell_run
 
@@ -52,9 +52,9 @@ def two_sheets(bend=0.02):
 
 
 def moved(x, rng, length):
-    """Positions a given spread away, apart from a translation far from there."""
+    """Positions a given distance away, apart from a translation far from there."""
     move = rng.normal(size=x.shape)
-    return x + length / spread(move) * move + rng.normal(size=3)
+    return x + length / largest_relative_move(move) * move + rng.normal(size=3)
 
 
 def test_pairs_that_are_near_do_not_depend_on_where_they_were_searched():
@@ -91,7 +91,7 @@ def test_a_short_move_ends_where_the_search_along_the_way_ends_it():
         move = np.zeros_like(x)
         move[n:, 2] = -rng.uniform(0, 1.9 * REACH * GAP)
         move += 1e-4 * rng.normal(size=x.shape)
-        if spread(move) > REACH * GAP:
+        if largest_relative_move(move) > REACH * GAP:
             continue
         before, after = np.asfortranarray(before), np.asfortranarray(before + move)
         candidates = ipctk.Candidates()
@@ -99,7 +99,7 @@ def test_a_short_move_ends_where_the_search_along_the_way_ends_it():
         ccd = ipctk.AdditiveCCD(conservative_rescaling=pair_contact.CCD_FRACTION)
         least = candidates.compute_collision_free_stepsize(mesh.mesh, before, after, 0.0, ccd)
         mesh.begin_step()
-        assert mesh.free_part(before, after, GAP) == least
+        assert mesh.collision_free_fraction(before, after, GAP) == least
         shortened += least < 1
     assert shortened >= 5
 

@@ -19,8 +19,10 @@ from ddgcli.scenes.scene import Scene
 
 log = logging.getLogger("ddgcli")
 
-MAX_FREQUENCY_CHANGE = 0.1  # between the start and the equilibrium, of a frequency, without a warning
-MAX_WAY = 0.1  # to the equilibrium by linear theory, of the size of the shell, without a warning
+# relative change of a frequency between the start and the equilibrium above which a warning is issued
+MAX_FREQUENCY_CHANGE = 0.1
+# displacement to the equilibrium by linear theory, over the shell's size, above which a warning is issued
+MAX_DISPLACEMENT = 0.1
 
 
 def vibrations(
@@ -34,12 +36,12 @@ def vibrations(
     points : dict of str to (n, 3) ndarray
         Positions of each group in m.
     order : Order
-        Of the shells in the arrays.
+        Order of the shells in the arrays.
     k : int
         Number of modes over all shells.
     scene : Scene
-        With `static` the positions are equilibria; else a warning states how far the frequencies are from
-        those of the equilibrium.
+        If its integrator is `static`, the positions are equilibria; otherwise a warning states how far the
+        frequencies are from those at the equilibrium.
 
     Returns
     -------
@@ -66,16 +68,16 @@ def vibrations(
 
 
 def _differs_at_equilibrium(name: str, modes: Modes, remedy: str) -> bool:
-    """Whether frequencies are others about the equilibrium nearby, with a warning."""
+    """Warn if the frequencies at the nearby equilibrium differ from those at the start; return whether."""
     if modes.at_equilibrium is None:
         return False
     largest = np.maximum(np.abs(modes.values), np.abs(modes.at_equilibrium))
     change = np.abs(modes.at_equilibrium - modes.values)
     changed = change > MAX_FREQUENCY_CHANGE * np.maximum(largest, ZERO_FREQUENCY * largest.max())
-    if modes.swings:
+    if modes.rotates:
         difference = "its loads move it in ways that nothing resists at first"
-    elif modes.way > MAX_WAY:
-        difference = f"by linear theory it moves by {modes.way:.2g} of its size"
+    elif modes.displacement > MAX_DISPLACEMENT:
+        difference = f"by linear theory it moves by {modes.displacement:.2g} of its size"
     elif changed.any():
         k = int(np.argmax(changed))
         at_rest = modes.at_equilibrium[k]
@@ -97,7 +99,7 @@ def buckling(systems: dict[str, System], order: Order, k: int) -> tuple[dict[str
     ----------
     systems : dict of str to System
     order : Order
-        Of the shells in the arrays.
+        Order of the shells in the arrays.
     k : int
         Number of modes over all shells.
 
@@ -113,7 +115,7 @@ def buckling(systems: dict[str, System], order: Order, k: int) -> tuple[dict[str
 
 
 def warn_of_ramps(systems: dict[str, System]) -> None:
-    """Warn of loads that a ramp scales at the time of the systems.
+    """Warn about loads whose ramp factor at the time of the systems is not 1.
 
     Parameters
     ----------
@@ -139,7 +141,7 @@ def _lowest(
     Raises
     ------
     SolveError
-        Of the first system, where none has any; else that of a system is a warning.
+        If no system has a mode: the error of the first one. Errors of single systems become warnings.
     """
     values: list[float] = []
     shapes: list[NDArray] = []

@@ -1,4 +1,4 @@
-"""Area springs: resistance of each face to a change of its area, beside the edge springs."""
+"""Area springs: each face resists a change of its area, in addition to the edge springs."""
 
 from __future__ import annotations
 
@@ -7,13 +7,14 @@ from numpy.typing import NDArray
 
 from ddgcli.mechanics.terms import LinearOperator, Mode, Potential
 from ddgcli.mesh.scatter import sum_by_index
-from ddgcli.mesh.vectors import row_cross, row_dot
+from ddgcli.mesh.vectors import cross_matrix, row_cross, row_dot
 
 
 class AreaSprings(Potential):
-    """Energy k A0 (A / A0 - 1)^2 / 2 of every face, k in N/m: k adds to the first Lame constant.
+    """Energy k A0 (A / A0 - 1)^2 / 2 per face; the stiffness k in N/m adds to the first Lame constant.
 
-    The gradient of an area in corner i is N x e_i / 2, with the unit normal N and the opposite edge e_i.
+    The gradient of an area with respect to corner i is N x e_i / 2, with the unit normal N and the edge e_i
+    opposite the corner.
     """
 
     name = "stretching"
@@ -67,7 +68,7 @@ class AreaSprings(Potential):
 
 
 def area_hessian(area: NDArray, normal: NDArray, edges: NDArray) -> NDArray[np.float64]:
-    """(m, 9, 9) Hessian of the areas of faces in their corners."""
+    """(m, 9, 9) Hessians of the face areas with respect to the corners."""
     cross = cross_matrix(edges.reshape(-1, 3)).reshape(-1, 3, 3, 3)
     plane = np.eye(3) - normal[:, :, None] * normal[:, None, :]
     turn = 0.5 * cross_matrix(normal)
@@ -76,20 +77,3 @@ def area_hessian(area: NDArray, normal: NDArray, edges: NDArray) -> NDArray[np.f
         hessian[:, i, :, (i + 2) % 3] += turn
         hessian[:, i, :, (i + 1) % 3] -= turn
     return hessian.reshape(-1, 9, 9)
-
-
-def cross_matrix(v: NDArray) -> NDArray[np.float64]:
-    """Matrices of the cross product with vectors from the left.
-
-    Parameters
-    ----------
-    v : (m, 3) ndarray of float64
-
-    Returns
-    -------
-    (m, 3, 3) ndarray of float64
-    """
-    matrix = np.zeros((len(v), 3, 3))
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        matrix[:, j, i], matrix[:, i, j] = v[:, k], -v[:, k]
-    return matrix

@@ -19,8 +19,9 @@ from ddgcli.scenes.sections import Key, Section
 from ddgcli.scenes.units import quantity, vector
 from ddgcli.simulation.effects import Effect
 
-STIFFNESS_FACTOR = 10.0  # of a tie, in units of Young's modulus times thickness
-ACCELERATION_STEP = 1e-5  # of a key frame's interval, for the accelerations of an obstacle's points
+STIFFNESS_FACTOR = 10.0  # default stiffness of a tie over Young's modulus times thickness
+# difference step for the acceleration of an obstacle, over the shortest interval between key frames
+ACCELERATION_STEP = 1e-5
 KEY: Key = ("effects", "attach")
 
 
@@ -44,7 +45,7 @@ class Attach(Section):
 
 
 class Ties(Potential):
-    """Energy k/2 (|x_b - x_a| - l)^2 of pairs of vertices, k and l (t,), l their distances at the start."""
+    """Springs between pairs of vertices: energy k/2 (|x_b - x_a| - l)^2, l the distance at the start."""
 
     name = "attach"
 
@@ -53,7 +54,7 @@ class Ties(Potential):
         self.stiffness = np.broadcast_to(np.asarray(stiffness, dtype=float), length.shape)
 
     def _span(self, x: NDArray) -> tuple[NDArray, NDArray, NDArray]:
-        """Vectors between the vertices (t, 3), lengths (t,) and directions (t, 3), 0 where they meet."""
+        """Vectors between the vertices (t, 3), lengths (t,), and directions (t, 3), 0 where the length is."""
         span = x[self.stencil[:, 1]] - x[self.stencil[:, 0]]
         size = np.sqrt(row_dot(span, span))
         return span, size, span / np.where(size > 0, size, 1.0)[:, None]
@@ -83,7 +84,7 @@ def build(parameters: Attach, context: ShellContext) -> list[Any]:
         raise ValueError("object and to name the same shell; a shell is attached to another one")
     vertices = context.selection(parameters.vertices, parameters.box, KEY)
     if other.role == "shell":
-        return []  # made between the shells of the group
+        return []  # `between` makes the ties, when both shells are known
     if parameters.to_vertices is not None or parameters.stiffness is not None:
         raise ValueError("to_vertices and stiffness are for ties to another shell; an obstacle holds exactly")
     kinds = FixedCoordinates | PrescribedMotion
@@ -114,12 +115,12 @@ def build(parameters: Attach, context: ShellContext) -> list[Any]:
 
 
 def coupled(parameters: Attach) -> list[tuple[str, str]]:
-    """The pair of names that a tie couples."""
+    """Names of the two objects that the ties couple."""
     return [(parameters.object, parameters.to)]
 
 
 def between(parameters: Attach, contexts: dict[str, tuple[ShellContext, NDArray]]) -> list[Ties]:
-    """Ties between the two shells, over the rows of their group."""
+    """Ties between the two shells, as a potential of the vertices of their group."""
     if parameters.object not in contexts or parameters.to not in contexts:
         return []
     (context, rows), (other, other_rows) = contexts[parameters.object], contexts[parameters.to]

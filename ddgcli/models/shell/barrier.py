@@ -16,16 +16,16 @@ from ddgcli.models.shell.surfaces import PosedSurface
 from ddgcli.scenes.scene import Scene
 
 STANDARD_GRAVITY = 9.81  # m/s^2, of scenes without gravity
-MIN_START_DISTANCE = 1e-3  # of the gap: there a barrier has 800 times its pressure at half the gap
-REPULSION_DISTANCE = 0.1  # of the gap: what starts nearer is repelled by many gaps
-SLIP_FRACTION = 1e-4  # of the speed of a fall: the default slip
+MIN_START_DISTANCE = 1e-3  # over the gap; a barrier there has 800 times its pressure at half the gap
+REPULSION_DISTANCE = 0.1  # over the gap; a vertex that starts nearer is repelled by many gaps
+SLIP_FRACTION = 1e-4  # default slip speed over the speed of a fall
 
 
 class Barrier(BarrierPotential):
-    """Energy -k A (d - g)^2 ln(d / g) of every vertex nearer than g, A its area at rest.
+    """Energy -k A (d - g)^2 ln(d / g) of every vertex at a distance d below g, with its rest area A.
 
-    `weight` (n,) is k A; `closest` the part of the gap that is left where the vertices have spent what energy
-    they bring.
+    The logarithmic barrier of [Li et al., "Incremental potential contact", 2020]. `weight` (n,) is k A;
+    `closest` is the least expected distance over the gap, where a fall is stopped.
     """
 
     name = "contact"
@@ -47,7 +47,7 @@ class Barrier(BarrierPotential):
         return -float(np.sum(self.weight[near] * (d - self.range) ** 2 * np.log(d / self.range)))
 
     def slope(self, near: NDArray, d: NDArray) -> NDArray:
-        """Derivatives of the energies in the distances."""
+        """Derivatives of the energies by the distances."""
         away, log = d - self.range, np.log(d / self.range)
         return -self.weight[near] * (2 * away * log + away**2 / d)
 
@@ -60,7 +60,7 @@ class Barrier(BarrierPotential):
     def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
         block = np.zeros((len(x), 3, 3))
         if mode == "material":
-            return block  # stiffness damping leaves contact alone
+            return block  # stiffness damping does not act on contact
         near, d, normal = self.near(x)
         second = self.weight[near] * curvature(d / self.range)
         block[near] = second[:, None, None] * normal[:, :, None] * normal[:, None, :]
@@ -68,7 +68,7 @@ class Barrier(BarrierPotential):
             block[near] += self.slope(near, d)[:, None, None] * self.surface.hessian(x[near])
         return block
 
-    def longest(self, x: NDArray, move: NDArray) -> float:
+    def collision_free_fraction(self, x: NDArray, move: NDArray) -> float:
         return float(min(1.0, 0.9 * self.surface.reach(x, move).min(initial=np.inf)))
 
     def outside(self, x: NDArray) -> tuple[int, float] | None:
@@ -76,9 +76,9 @@ class Barrier(BarrierPotential):
         worst = int(np.argmin(d))
         return (worst, float(d[worst])) if not d[worst] > 0 else None
 
-    def stiffest(self, x: NDArray) -> NDArray[np.float64]:
-        share = np.minimum(self.surface.gap(x)[0] / self.range, self.closest)  # a shell may start nearer
-        return self.weight * curvature(np.maximum(share, MIN_START_DISTANCE))
+    def expected_stiffness(self, x: NDArray) -> NDArray[np.float64]:
+        s = np.minimum(self.surface.gap(x)[0] / self.range, self.closest)  # a shell may start nearer
+        return self.weight * curvature(np.maximum(s, MIN_START_DISTANCE))
 
     def surface_velocity(self, x: NDArray) -> NDArray[np.float64]:
         """(n, 3) velocities of the surface at points."""
@@ -86,7 +86,7 @@ class Barrier(BarrierPotential):
 
 
 class MovingBarrier(Barrier):
-    """The barrier of a surface that moves, at one time."""
+    """The barrier of a moving surface at one time."""
 
     def __init__(
         self, surface: Surface, motion: PlacedMotion, gap: float, weight: NDArray, closest: float, time: float
@@ -103,16 +103,16 @@ class MovingBarrier(Barrier):
         return moved
 
     def travel_work(self, x: NDArray, before: TimedPositions, after: TimedPositions) -> float:
-        """Joules that the surface adds between two times by its travel, with the force at x."""
+        """Energy in J that the surface adds between two times by its travel, with the force at x."""
         return -float(np.vdot(self.gradient(x), self.motion.travel(before, after)))
 
     def surface_velocity(self, x: NDArray) -> NDArray[np.float64]:
         return self.pose.velocities(x)
 
     def carried(self, x: NDArray, since: float) -> NDArray[np.float64]:
-        """Positions x of an earlier time, with those near the surface carried along by it until now.
+        """Positions x of an earlier time, with those near the surface moved along with it until now.
 
-        Within `reach` = gap + travel a vertex keeps its place relative to the surface; the others stay
+        Within `reach` = gap + travel a vertex keeps its position relative to the surface; the others stay
         outside, because the surface travels less far.
         """
         before = self.motion.pose(since)
@@ -122,14 +122,14 @@ class MovingBarrier(Barrier):
 
 
 def carry_weight(distance: NDArray, travel: NDArray, gap: float) -> NDArray[np.float64]:
-    """Weights with which vertices take part in the travel of a surface.
+    """Weights with which vertices follow the motion of a surface.
 
     Parameters
     ----------
     distance : (n,) ndarray of float64
-        From the surface.
+        Distance of each vertex from the surface.
     travel : (n, 3) ndarray of float64
-        Of the surface at each vertex.
+        Displacement of the surface at each vertex.
     gap : float
         Range of the barrier.
 
@@ -149,19 +149,20 @@ def curvature(s: Any) -> Any:
 
 
 def closest_part(energy: float) -> float:
-    """The s in (0, 1) where the barrier -(s - 1)^2 ln s has a value, by bisection in ln s.
+    """Solution s in (0, 1) of -(s - 1)^2 ln s = energy, by bisection in ln s.
 
-    A barrier that is left less of its gap is too soft for the fall: steps that cross it are made shorter.
+    Solutions below 0.05 are not needed: such a barrier is too soft for the fall, and steps that cross it are
+    shortened.
 
     Parameters
     ----------
     energy : float
-        The value.
+        Energy to be stored, over the stiffness of the barrier.
 
     Returns
     -------
     float
-        At least 0.05.
+        Distance over the range of the barrier, at least 0.05.
     """
     low, high = float(np.log(0.05)), 0.0
     for _ in range(60):
@@ -171,7 +172,7 @@ def closest_part(energy: float) -> float:
 
 
 def fall_acceleration(scene: Scene) -> float:
-    """Acceleration of a fall, by which contact chooses its stiffness and slip where the scene does not.
+    """Acceleration from which contact derives its default stiffness and slip speed.
 
     Parameters
     ----------
@@ -180,7 +181,7 @@ def fall_acceleration(scene: Scene) -> float:
     Returns
     -------
     float
-        In m/s^2: of the scene's gravity, without it 9.81.
+        In m/s^2: that of the effect `gravity`, or 9.81 without it.
     """
     sections = [section for effect, section, _ in scene.effects if effect.name == "gravity"]
     largest = max((float(np.linalg.norm(section.acceleration)) for section in sections), default=0.0)
@@ -188,39 +189,39 @@ def fall_acceleration(scene: Scene) -> float:
 
 
 def stopping_pressure(scene: Scene, energy: float, density: float, gap: float) -> float:
-    """Pressure at half the gap by which contact stops a fall, where the scene names no stiffness.
+    """Default pressure at half the gap, which stops a fall.
 
     Parameters
     ----------
     scene : Scene
     energy : float
-        Of the fall, in J/m^2.
+        Energy of the fall, in J/m^2.
     density : float
-        Of the shell, in kg/m^2.
+        Density of the shell, in kg/m^2.
     gap : float
         In m.
 
     Returns
     -------
     float
-        In Pa, at least ten times that of the weight.
+        In Pa; at least ten times the weight per area.
     """
     return max(2 * energy / gap, 10 * fall_acceleration(scene) * density)
 
 
 def slip_speed(slip: float | None, contexts: list[ShellContext], velocity: NDArray | None = None) -> float:
-    """Speed below which friction grows in proportion to the speed.
+    """Speed below which friction is proportional to the speed.
 
-    By default a small fraction of the speed of a fall through the size of the shells, with their initial
-    speeds: what friction holds creeps by at most that fraction of the size in the time of that fall.
+    By default a small fraction of the speed after a fall through the size of the shells with their initial
+    speeds: bodies held by friction creep by at most that fraction of the size during such a fall.
 
     Parameters
     ----------
     slip : float or None
-        Speed that the scene names.
+        Speed that the scene specifies, in m/s.
     contexts : list of ShellContext
     velocity : (3,) ndarray, optional
-        Of the obstacle, in m/s.
+        Velocity of the obstacle, in m/s.
 
     Returns
     -------
@@ -236,7 +237,7 @@ def slip_speed(slip: float | None, contexts: list[ShellContext], velocity: NDArr
 
 
 class Friction(Dissipation):
-    """Coulomb friction of a barrier: normal force and tangent plane are those where it is frozen."""
+    """Coulomb friction of a barrier, with the normal forces and tangent planes at which it is frozen."""
 
     name = "contact"
 
@@ -258,9 +259,9 @@ class Friction(Dissipation):
 
 
 class MovingFriction(Friction):
-    """Friction of a surface that moves, which can add energy.
+    """Friction of a moving surface, which can add energy.
 
-    The surface has the velocity of `wall`, the barrier of a later time; by default that of `barrier`.
+    The velocity of the surface is that of `wall`, the barrier at a later time; by default that of `barrier`.
     """
 
     active = True
@@ -280,14 +281,14 @@ class MovingFriction(Friction):
         return MovingFriction(self.barrier.at(time), self.coefficient, self.slip)
 
     def lagged(self, time: float) -> MovingFriction:
-        """The friction whose normal forces are those of an earlier time."""
+        """The friction with the normal forces of an earlier time."""
         return MovingFriction(self.barrier.at(time), self.coefficient, self.slip, self.barrier)
 
 
 class Sliding(Potential):
-    """R = sum bound f(|v tangential|), f' = 2 s - s^2 with s = speed / slip up to 1, then 1.
+    """R = sum bound f(speed), with f' = 2 s - s^2 and s = min(speed / slip, 1).
 
-    v is the velocity of a vertex relative to the surface, whose velocities (k, 3) are `wall`.
+    The speed is that of a vertex along the surface, relative to the velocity (k, 3) of the surface, `wall`.
     """
 
     def __init__(

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 # that is free to relax has B = 4.8 to 5 K on right and alternating grids, 5.4 K on equilateral and 5.6 K on
 # irregular triangles, 6.2 to 7 K on crossed ones; bent to a cylinder unrelaxed, 6 K along a grid's axes.
 PLATE_RATIO = 5.0
-MIN_MIDEDGE_HEIGHT = 2e-8  # of a face, by its longest side: the square root of the rounding
+MIN_MIDEDGE_HEIGHT = 2e-8  # height of a face over its longest side: the square root of the rounding unit
 FLAT_ANGLE_TOLERANCE = 1e-6  # radians: a mesh whose hinges are flatter counts as flat
 
 
@@ -55,7 +55,10 @@ class Bending(Section):
 
 
 class HingeBending(Potential):
-    """Energy K 3 |e|^2 / (A0 + A1) (angle - rest)^2 of every hinge, lengths and areas at rest, K in J."""
+    """Energy 3 K |e|^2 / (A0 + A1) (angle - rest)^2 per hinge, with rest lengths and areas; K in J.
+
+    E. Grinspun, A. N. Hirani, M. Desbrun, P. Schroeder, "Discrete shells", 2003.
+    """
 
     name = "bending"
 
@@ -116,7 +119,11 @@ class HingeBending(Potential):
 
 
 class QuadraticBending(Potential):
-    """Energy k/2 sum 3 / (A0 + A1) |sum_i c_i x_i|^2 over the hinges: the Hessian is constant."""
+    """Energy k/2 sum 3 / (A0 + A1) |sum_i c_i x_i|^2 over the hinges, with a constant Hessian.
+
+    M. Bergou, M. Wardetzky, D. Harmon, D. Zorin, E. Grinspun, "A quadratic bending model for inextensible
+    surfaces", 2006; c_i are the cotangent weights of the hinge.
+    """
 
     name = "bending"
 
@@ -131,7 +138,7 @@ class QuadraticBending(Potential):
         self._local = local
 
     def energy(self, x: NDArray) -> float:
-        # x . Q x cancels: its rounding exceeds what the last moves to an equilibrium change
+        # not x . Q x, whose cancellation hides the energy changes of the last moves to an equilibrium
         bend = self._curvature @ (x - x[0])
         return 0.5 * float(self.weight @ row_dot(bend, bend))
 
@@ -157,7 +164,7 @@ class QuadraticBending(Potential):
 
 
 def hinge_measure(mesh: TriangleMesh, stencil: NDArray, area: NDArray) -> tuple[NDArray, NDArray]:
-    """(3 |e|^2 / (A0 + A1), 3 / (A0 + A1)) of the hinges, from the rest shape."""
+    """Hinge weights 3 |e|^2 / (A0 + A1) and 3 / (A0 + A1) of the rest shape."""
     topology = mesh.topology
     twin, side = topology.side_twin.ravel(), topology.interior_sides
     side = side[topology.side_tail[side] == topology.side_head[twin[side]]]
@@ -166,7 +173,7 @@ def hinge_measure(mesh: TriangleMesh, stencil: NDArray, area: NDArray) -> tuple[
 
 
 def _require_height(context: ShellContext) -> None:
-    """Refuse needles whose three rotations are dependent to rounding."""
+    """ValueError for faces so thin that rounding makes their three edge rotations linearly dependent."""
     longest = context.mesh.side_length.max(axis=1)
     height = 2 * context.face_area / longest**2
     if (height < MIN_MIDEDGE_HEIGHT).any():
@@ -181,11 +188,11 @@ def build(parameters: Bending, context: ShellContext) -> list[Potential]:
     shell, mesh = context.shell, context.mesh
     rigidity = rigidity_of(parameters, context)
     stencil = hinges(mesh.topology)
-    without = mesh.topology.n_edges - len(mesh.topology.boundary_edges) - len(stencil)
-    if without:
+    n_without_hinge = mesh.topology.n_edges - len(mesh.topology.boundary_edges) - len(stencil)
+    if n_without_hinge:
         logging.getLogger("ddgcli").warning(
             "%s no bending in %s: more than two faces, or faces of opposite orientation",
-            counted(without, "edge has", "edges have"), shell.name,
+            counted(n_without_hinge, "edge has", "edges have"), shell.name,
         )  # fmt: skip
     if parameters.model == "midedge":
         return [plate_bending(parameters, context)]
@@ -212,7 +219,7 @@ def build(parameters: Bending, context: ShellContext) -> list[Potential]:
 
 
 def plate_bending(parameters: Bending, context: ShellContext) -> MidedgeBending:
-    """Mid-edge bending of a shell, whatever the model of its parameters.
+    """Mid-edge bending of a shell, whichever bending model its parameters name.
 
     Parameters
     ----------
@@ -238,7 +245,7 @@ def plate_bending(parameters: Bending, context: ShellContext) -> MidedgeBending:
 
 
 def rigidity_of(parameters: Bending, context: ShellContext) -> float:
-    """Flexural rigidity D in N m, of the parameters or of the material.
+    """Flexural rigidity D in N m: that of the section `bending`, else that of the material.
 
     Parameters
     ----------
@@ -255,9 +262,9 @@ def rigidity_of(parameters: Bending, context: ShellContext) -> float:
 
 
 def plate_rigidity(young: float | None, thickness: float | None, poisson: float | None) -> float:
-    """D = E t^3 / (12 (1 - nu^2)) in N m."""
+    """Flexural rigidity of a plate, D = E t^3 / (12 (1 - nu^2)) in N m."""
     e, t, nu = float(young or 0), float(thickness or 0), float(poisson or 0)
-    return e * t * t * t / (12 * (1 - nu**2))  # infinite where a power raises OverflowError
+    return e * t * t * t / (12 * (1 - nu**2))  # t * t * t overflows to inf; t**3 would raise OverflowError
 
 
 EFFECT = Effect(

@@ -1,4 +1,4 @@
-"""Motions of shells as the named arrays of a checkpoint, and back to the last bit."""
+"""Conversion of the motion of shells to the named arrays of a checkpoint, and back without any rounding."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ PAST_ARRAYS = ("past_x", "past_v", "past_dt")  # arrays of a checkpoint
 
 
 def unpacked(system: System, multistep: bool, arrays: dict[str, NDArray]) -> Motion:
-    """Motion of a checkpoint's arrays; the inverse of `packed`.
+    """Motion from the arrays of a checkpoint; the inverse of `packed`.
 
     Parameters
     ----------
     system : System
-        Whose terms have the memories.
+        The system whose terms have the memories of the checkpoint.
     multistep : bool
         Whether the scheme keeps positions and velocities of the step before.
     arrays : dict of str to ndarray

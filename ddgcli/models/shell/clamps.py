@@ -1,4 +1,4 @@
-"""Edges whose direction a pin with `clamp` holds, for bending with a rotation per edge."""
+"""Clamped edges for mid-edge bending: edges whose director a pin with `clamp` keeps fixed."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from ddgcli.mesh.vectors import row_cross, row_dot, unit_vectors
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.models.shell.midedge import NO_CLAMP, ClampedSides, inward_directions, side_corners
 
-PARALLEL_TOLERANCE = 1e-6  # sine of the angle at which an edge counts as parallel to an axis
+PARALLEL_TOLERANCE = 1e-6  # sine of the angle below which an edge counts as parallel to an axis
 
 
 def clamped_sides(context: ShellContext) -> ClampedSides:
-    """Sides between vertices of one pin with `clamp`, with the direction across that they keep.
+    """Sides between vertices of one pin with `clamp`, and the fixed direction perpendicular to each.
 
-    Where a pin holds all axes that is the direction into the face. Where it leaves some free, the edge moves,
-    and the direction must be held and across the edge wherever it goes: the normal of a plane of symmetry.
+    If the pin holds all axes, this is the direction into the face. If it leaves axes free, the edge can move,
+    and the direction must be a held one that stays perpendicular to the edge: the normal of a symmetry plane.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ def clamped_sides(context: ShellContext) -> ClampedSides:
     Raises
     ------
     ValueError
-        At an edge that is not across the axis that its pin holds.
+        If an edge is not perpendicular to the axis that its pin holds.
     """
     mesh = context.mesh
     sides, directions = [NO_CLAMP.side], [NO_CLAMP.direction]
@@ -49,7 +49,7 @@ def clamped_sides(context: ShellContext) -> ClampedSides:
 
 
 def _directions(mesh: TriangleMesh, side: NDArray, axes: NDArray) -> NDArray[np.float64]:
-    """(c, 3) directions across sides whose pins hold `axes` (3,); ValueError for a side that has none."""
+    """(c, 3) fixed directions perpendicular to sides whose pin holds `axes` (3,); ValueError without one."""
     x, corner = np.asarray(mesh.points), side_corners(mesh.topology)[side]
     inward = inward_directions(x, corner)
     u = unit_vectors(x[corner[:, 1]] - x[corner[:, 0]])

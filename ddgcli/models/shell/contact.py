@@ -33,7 +33,8 @@ from ddgcli.scenes.units import quantity
 from ddgcli.simulation.effects import Effect
 
 ENERGY_SAFETY_FACTOR = 2.0  # waves may bring a vertex more than the energy of its own fall
-HALF_GAP = 2 * 0.5 * np.log(2) + 0.5  # slope of the barrier at half its range, in units of its stiffness
+# pressure of the barrier at half its range, over stiffness times range
+HALF_RANGE_SLOPE = 2 * 0.5 * np.log(2) + 0.5
 KEY: Key = ("effects", "contact")
 log = logging.getLogger("ddgcli")
 
@@ -98,8 +99,8 @@ def _with_obstacle(parameters: Contact, context: ShellContext, obstacle: Obstacl
     gap, density = float(parameters.gap or shell.thickness or 0), float(shell.density or 0)
     energy = density * impact(context, start, motion)
     pressure = float(parameters.stiffness or stopping_pressure(context.scene, energy, density, gap))
-    weight = pressure / (HALF_GAP * gap) * context.vertex_area
-    closest = closest_part(ENERGY_SAFETY_FACTOR * energy * HALF_GAP / (pressure * gap))
+    weight = pressure / (HALF_RANGE_SLOPE * gap) * context.vertex_area
+    closest = closest_part(ENERGY_SAFETY_FACTOR * energy * HALF_RANGE_SLOPE / (pressure * gap))
     barrier: Barrier
     if obstacle.moving:
         barrier = MovingBarrier(surface, motion, gap, weight, closest, 0.0)
@@ -117,7 +118,7 @@ def _with_obstacle(parameters: Contact, context: ShellContext, obstacle: Obstacl
 
 
 def _require_apart(barrier: Barrier, context: ShellContext, gap: float) -> None:
-    """ValueError for a shell that starts inside an obstacle, on it or nearly so."""
+    """ValueError for a shell that starts inside an obstacle, on it, or too close to it."""
     distance = barrier.surface.gap(np.asarray(context.mesh.points))[0]
     nearest = int(np.argmin(distance))
     least, vertex = float(distance[nearest]), f"vertex {nearest} of {context.shell.name!r}"
@@ -139,7 +140,7 @@ def _require_apart(barrier: Barrier, context: ShellContext, gap: float) -> None:
 
 
 def impact(context: ShellContext, surface: Surface, motion: PlacedMotion) -> float:
-    """Energy per mass of the shell's first fall onto a surface."""
+    """Energy per mass with which the shell first falls onto a surface, in J/kg."""
     height = float(np.clip(surface.gap(np.asarray(context.mesh.points))[0], 0, None).max())
     velocity = np.array(context.shell.velocity) - motion.pose(0.0).velocity
     return 0.5 * float(np.sum(np.square(velocity))) + fall_acceleration(context.scene) * height
@@ -160,7 +161,7 @@ def coupled(parameters: Contact) -> list[tuple[str, str]]:
 
 
 def between(parameters: Contact, contexts: dict[str, tuple[ShellContext, NDArray]]) -> list[Any]:
-    """Contact of the shells of one group with each other; `contexts` has each with its rows."""
+    """Contact between the shells of a group; `contexts` maps a name to the shell's context and its rows."""
     terms: list[Any] = []
     for pair in parameters.pairs:
         if all(name in contexts for name in pair):
@@ -171,7 +172,7 @@ def between(parameters: Contact, contexts: dict[str, tuple[ShellContext, NDArray
 
 
 def _obstacle_of(pair: list[str], pairs: list[list[str]], context: ShellContext) -> Obstacle | None:
-    """The obstacle that this shell meets in a pair, or None where the pair is not about it."""
+    """The obstacle that a pair names together with this shell; None for any other pair."""
     scene = context.scene
     if [sorted(p) for p in pairs].count(sorted(pair)) > 1:
         scene.refuse((*KEY, "pairs"), f"the pair {pair} is listed more than once; keep one")

@@ -1,4 +1,4 @@
-"""What an effect of `shell-sim` is given when it is built: one shell, and the scene around it."""
+"""Arguments of the builders of effects of `shell-sim`: one shell, and its scene."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ class ShellContext:
     Parameters
     ----------
     shell : Shell
-        Its material, complete.
+        Section of the shell, with all material parameters.
     mesh : TriangleMesh
-        The rest shape, which is also the start.
+        The rest shape, which is also the shape at the start.
     scene : Scene
     arrays : dict of str to ndarray
         Vertex arrays of the mesh file.
     terms : dict of str to list
-        What the effects built so far returned, by effect.
+        Terms that the effects built so far have returned, by effect.
     obstacles : dict of str to PlacedMesh
-        Meshes of the obstacles that are meshes, as their files have them.
+        Meshes of the obstacles that are meshes, in the coordinates of their files.
     input_vertex : (n,) ndarray of int, optional
-        Of a shell that has come apart: the vertex of the whole shell that each vertex was.
+        For a shell that has broken: index in the unbroken shell of each vertex.
     """
 
     shell: Shell
@@ -50,12 +50,12 @@ class ShellContext:
 
     @property
     def vertices_at_start(self) -> NDArray[np.int64]:
-        """(n,) vertex of the whole shell that each vertex was."""
+        """(n,) index in the unbroken shell of each vertex."""
         return np.arange(self.mesh.n_vertices) if self.input_vertex is None else self.input_vertex
 
     @property
     def whole(self) -> ShellContext:
-        """The shell before it came apart; itself where it has not."""
+        """The shell before it broke; itself if it has not broken."""
         if self.input_vertex is None:
             return self
         n = int(self.input_vertex.max()) + 1
@@ -77,20 +77,20 @@ class ShellContext:
 
     @cached_property
     def vertex_area(self) -> NDArray[np.float64]:
-        """(n,) a third of the area of the faces around."""
+        """(n,) a third of the area of the incident faces."""
         third = np.repeat(self.face_area / 3, 3)
         return sum_by_index(self.mesh.faces.ravel(), third, self.mesh.n_vertices)
 
     @cached_property
     def mass(self) -> NDArray[np.float64]:
-        """(n,) kilograms; of a vertex that no face uses (and that is held), the mean."""
+        """(n,) mass in kg; a vertex without a face, which is held, has the mean mass."""
         mass = float(self.shell.density or 0) * self.vertex_area
         referenced = self.mesh.topology.referenced_vertex
         mean = mass[referenced].sum() / max(1, np.count_nonzero(referenced))  # what has no face is refused
         return np.where(referenced, mass, mean)
 
     def selection(self, vertices: list[int] | None, box: Any, key: Key) -> NDArray[np.int64]:
-        """Vertices by index, or inside a box of two opposite corners; an error where there are none."""
+        """Vertices by index, or inside a box given by two opposite corners; an error if there are none."""
         n = self.mesh.n_vertices if self.input_vertex is None else int(self.input_vertex.max()) + 1
         if (vertices is None) == (box is None):
             self.scene.refuse(key, f"{key[-1]}: give either vertices = [...] or box = [[x, y, z], [x, y, z]]")

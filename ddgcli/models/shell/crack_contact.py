@@ -1,8 +1,8 @@
-"""Contact of the pieces of a shell that breaks: their surfaces end a little inside the cracks.
+"""Contact between the pieces of a shell that breaks, whose surfaces are inset along the cracks.
 
-The sides of a new crack touch, and no barrier can be evaluated at distance 0. So contact sees each piece
-without a margin along its cracks that is wider than half the gap: pieces at rest in their places are farther
-apart than the gap, and a crack opens without a force. Pieces overlap by two margins at most.
+The two sides of a new crack touch, and a barrier cannot be evaluated at distance 0. Contact therefore uses
+each piece without a margin along its cracks that is wider than half the gap: pieces that have not moved are
+farther apart than the gap, and a crack opens without a force. Pieces can overlap by at most two margins.
 """
 
 from __future__ import annotations
@@ -20,24 +20,23 @@ from ddgcli.mesh.vectors import vector_length
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.models.shell.pair_contact import PairMesh
 
-MARGIN = (
-    0.9  # of the gap; above one half, for the ends of cracks and for surfaces that are bent where they crack
-)
-MAX_MARGIN = 0.5  # of the radius of the inner circle of the smallest face
-MIN_SPREAD = 0.3  # least length of the mean direction of faces around a vertex; 0 where they close a turn
+MARGIN = 0.9  # over the gap; more than one half, because of crack tips and of surfaces bent where they crack
+MAX_MARGIN = 0.5  # over the inradius of the smallest face
+# lower bound of the length of the mean face direction at a vertex, which is 0 where the faces close a turn
+MIN_MEAN_DIRECTION = 0.3
 
 
 class InsetPairMesh(PairMesh):
-    """A shell that has come apart, without a margin along its cracks.
+    """A broken shell without a margin along its cracks.
 
-    The vertices that contact sees are sums of those of the shell, whose weights are constant.
+    The vertices for contact are linear combinations of those of the shell, with constant weights.
 
     Parameters
     ----------
     context : ShellContext
-        Of the split shell.
+        Context of the broken shell.
     gap : float
-        m.
+        In m.
     """
 
     def __init__(self, context: ShellContext, gap: float) -> None:
@@ -52,15 +51,15 @@ class InsetPairMesh(PairMesh):
     def _with(self, own: NDArray, of_obstacle: Any, time: float) -> NDArray[np.float64]:
         return np.asfortranarray(self.weights @ own)
 
-    def spread(self, gradient: NDArray, n: int) -> NDArray[np.float64]:
+    def scatter(self, gradient: NDArray, n: int) -> NDArray[np.float64]:
         return self.weights.T @ gradient.reshape(-1, 3)
 
-    def spread_matrix(self, hessian: Any, n: int) -> csc_array:
+    def scatter_matrix(self, hessian: Any, n: int) -> csc_array:
         return csc_array(self._solid_weights.T @ csc_array(hessian) @ self._solid_weights)
 
 
 def largest_gap(whole: ShellContext) -> float:
-    """Largest gap whose margins leave half the inner circle of each face.
+    """Largest gap whose margin is at most half the inradius of each face.
 
     Parameters
     ----------
@@ -76,19 +75,19 @@ def largest_gap(whole: ShellContext) -> float:
 
 
 def inset_weights(mesh: TriangleMesh, origin: NDArray, margin: float) -> csr_array:
-    """(n, n) weights that move the split vertices of a mesh at rest away from the sides of their cracks.
+    """(n, n) weights that move the split vertices of a mesh at rest away from their cracks.
 
     Parameters
     ----------
     mesh : TriangleMesh
     origin : (n,) ndarray of int
-        Vertex that each vertex was; a vertex is split where others have the same.
+        Index in the unbroken mesh of each vertex; vertices with the same index were split.
     margin : float
         Distance in m that the moved vertices have from the outer sides of the faces around them.
     """
     faces, n, side = mesh.faces, mesh.n_vertices, mesh.side_length
     tangent = half_angle_tangent(side)
-    # over the angle of a corner, unit vectors sum to tan(angle / 2) times those along its two sides
+    # the integral of the unit vectors over a corner is tan(angle / 2) times the sum of its unit sides
     ahead, behind = tangent / side, tangent / np.roll(side, 1, axis=1)
     vector = mesh.side_vector
     corner = ahead[..., None] * vector - behind[..., None] * np.roll(vector, 1, axis=1)
@@ -96,7 +95,8 @@ def inset_weights(mesh: TriangleMesh, origin: NDArray, margin: float) -> csr_arr
     angle = sum_by_index(faces.ravel(), corner_angle(side).ravel(), n)
     split = np.bincount(origin)[origin] > 1
     distance = margin / np.sin(0.5 * np.minimum(np.where(split, angle, np.pi), np.pi))
-    scale = np.where(split, distance / np.where(angle > np.pi, np.maximum(mean, MIN_SPREAD), mean), 0.0)
+    mean = np.where(angle > np.pi, np.maximum(mean, MIN_MEAN_DIRECTION), mean)
+    scale = np.where(split, distance / mean, 0.0)
     rows, columns = np.tile(faces.ravel(), 2), [np.roll(faces, -1, axis=1), np.roll(faces, 1, axis=1)]
     values = scale[rows] * np.concatenate([ahead.ravel(), behind.ravel()])
     moved = csr_array((values, (rows, np.concatenate([c.ravel() for c in columns]))), shape=(n, n))

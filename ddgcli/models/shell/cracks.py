@@ -1,4 +1,4 @@
-"""Surfaces that have come apart: which edges open, and the vertices that split with them."""
+"""Cracks in surfaces: which edges open, and which vertices are split at open edges."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from ddgcli.models.shell.hinge import wrapped
 
 @dataclass(frozen=True, eq=False)
 class SplitSurface:
-    """Faces of a surface some of whose edges have opened.
+    """Faces of a surface some of whose edges are open.
 
     Parameters
     ----------
     faces : (m, 3) ndarray of int
-        In the order of the whole surface.
+        In the order of the faces of the unbroken surface.
     origin : (k,) ndarray of int
-        Vertex of the whole surface that each vertex was; the first n are those of the whole surface itself.
+        Index in the unbroken surface of each vertex; the first n vertices keep their index.
     corner : (k,) ndarray of int
-        A corner, 3 face + place, of each vertex.
+        Flat index, 3 face + j, of one corner at each vertex.
     """
 
     faces: NDArray[np.int64]
@@ -35,25 +35,25 @@ class SplitSurface:
     corner: NDArray[np.int64]
 
     @property
-    def pieces(self) -> int:
-        """Number of parts that hang together."""
+    def n_pieces(self) -> int:
+        """Number of connected components."""
         tail, head = self.faces.ravel(), np.roll(self.faces, -1, axis=1).ravel()
         return connected_labels(tail, head, len(self.origin))[0]
 
 
 def split_surface(topology: Topology, opened: NDArray[np.bool_]) -> SplitSurface:
-    """The surface with some of its interior edges open.
+    """Split the vertices of a surface along some of its interior edges.
 
-    The faces around a vertex stay together as far as edges between them are closed; each such fan has a
-    vertex of its own, so a vertex splits where two open edges meet in it, or one at the boundary. The fan of
-    the first corner keeps the index of the vertex, those that come new follow in the order of their corners.
+    Faces at a vertex stay connected across closed edges. Each such fan of faces has a vertex of its own, so a
+    vertex splits where two open edges meet, or where one open edge meets the boundary. The fan of the first
+    corner keeps the index of the vertex; new vertices follow in the order of their corners.
 
     Parameters
     ----------
     topology : Topology
-        Of a surface whose interior edges have two faces of the same orientation.
+        The surface; each interior edge has two faces of the same orientation.
     opened : (h,) ndarray of bool
-        Over the interior edges, in the order of `hinge_sides`.
+        Whether each interior edge is open, in the order of `hinge_sides`.
 
     Returns
     -------
@@ -84,15 +84,16 @@ def split_surface(topology: Topology, opened: NDArray[np.bool_]) -> SplitSurface
 
 
 class Strength:
-    """Limits of strain and angle of the interior edges of a surface.
+    """Limits of strain and angle at which the interior edges of a surface open.
 
     Parameters
     ----------
     mesh : TriangleMesh
-        The whole surface at rest.
+        The unbroken surface at rest.
     strain, angle : float or None
+        Largest relative elongation, and largest change of the dihedral angle in radians; None for no limit.
     flat : bool
-        Whether angles count from zero, not from those of the rest shape.
+        Whether angles are measured from zero, not from those of the rest shape.
     """
 
     def __init__(self, mesh: TriangleMesh, strain: float | None, angle: float | None, flat: bool) -> None:
@@ -109,7 +110,7 @@ class Strength:
         return len(self._length)
 
     def exceeded(self, x: NDArray, faces: NDArray) -> NDArray[np.bool_]:
-        """(h,) edges beyond a limit at positions x of the vertices of some faces; those open count too."""
+        """(h,) whether each edge, open or not, is beyond a limit, for faces with vertices at positions x."""
         stencil = faces.ravel()[self._corners]
         beyond = np.zeros(len(stencil), dtype=bool)
         if self._strain is not None:

@@ -1,4 +1,4 @@
-"""Whether shells have passed through themselves or each other where no contact keeps them apart."""
+"""Intersections of shells with themselves and each other at the end of a run without contact between them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from ddgcli.simulation.outcome import Outcome
 
 Pair = tuple[str, str]  # names of two shells in order, or twice that of one
 MAX_LISTED = 3  # pairs of shells in a warning
-# over the extent of the shells: rounding makes shells that only touch, or move alike, cross less deep
+# depth over the extent of the shells above which faces cross; rounding alone makes touching faces cross less
 LEAST_DEPTH = 1e-6
 log = logging.getLogger("ddgcli")
 
@@ -29,9 +29,9 @@ log = logging.getLogger("ddgcli")
 def crossings(
     outcome: Outcome, shells: dict[str, ShellContext], systems: dict[str, System], order: Order
 ) -> dict[str, int | None]:
-    """Pairs of faces that cross at the end of a run, with a warning where shells have more than at the start.
+    """Count pairs of faces that cross at the end of a run; warn if shells have more than at the start.
 
-    Those that `contact` keeps apart do not count, nor do faces at ties between two shells.
+    Shells that `contact` keeps apart do not count, and neither do faces at ties between two shells.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def crossings(
     Returns
     -------
     dict of str to int or None
-        `self_intersections`, None where it is unknown; empty where contact keeps all shells apart.
+        `self_intersections`, None if unknown; empty if contact keeps all shells apart.
     """
     scene, names = next(iter(shells.values())).scene, list(shells)
     apart = _kept_apart(scene, names)
@@ -81,7 +81,7 @@ def crossings(
 
 
 def _kept_apart(scene: Scene, names: list[str]) -> set[Pair]:
-    """Pairs of shells, and shells with themselves, whose contact is computed."""
+    """Pairs of shells (of one shell for self-contact) that the effect `contact` keeps apart."""
     apart: set[Pair] = set()
     for effect, parameters, _ in scene.effects:
         if effect.name == "contact":
@@ -95,7 +95,7 @@ def _kept_apart(scene: Scene, names: list[str]) -> set[Pair]:
 
 
 def _tied_vertices(systems: dict[str, System], order: Order) -> NDArray[np.bool_]:
-    """Whether a vertex of all shells is tied to another shell: seams may cross, and contact refuses them."""
+    """Whether each vertex is tied to another shell: at seams faces may cross, and contact is not possible."""
     owners = np.concatenate([np.full(count, name) for name, count in order])
     tied = np.zeros(len(owners), dtype=bool)
     for name, system in systems.items():
@@ -107,7 +107,7 @@ def _tied_vertices(systems: dict[str, System], order: Order) -> NDArray[np.bool_
 
 
 def _warn(scene: Scene, more: list[Pair], at_end: Counter[Pair], at_start: Counter[Pair]) -> None:
-    """One line: which shells cross, how often, and the keys of `contact` that prevent it."""
+    """Warn which shells cross and how often, and name the keys of `contact` that prevent it."""
     alone = [a for a, b in more if a == b]
     different = [[a, b] for a, b in more if a != b]
     examples = [

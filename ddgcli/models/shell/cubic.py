@@ -1,10 +1,10 @@
 """Cubic shells: isometric bending about a curved rest shape, an energy cubic in the positions.
 
-A. Garg, E. Grinspun, M. Wardetzky, D. Zorin, "Cubic shells", 2007. Where lengths stay, the cosine of a
-hinge's angle is quadratic in the positions and its sine cubic, so 4 sin^2((angle - rest) / 2) is cubic:
+A. Garg, E. Grinspun, M. Wardetzky, D. Zorin, "Cubic shells", 2007. Under isometries the cosine of a hinge
+angle is quadratic in the positions and its sine is cubic, so 4 sin^2((angle - rest) / 2) is cubic:
 cos(rest) |q|^2 - 2 sin(rest) det + constant, with q the sum of the unit vectors from the edge to the two
-apexes and det the volume of the hinge. Multiples of squared lengths, constants under isometry, make the rest
-shape a stationary point also of moves that stretch.
+apexes and det the volume of the hinge. Multiples of the squared lengths, which isometries do not change, are
+added so that the rest shape is stationary under stretching moves, too.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 from ddgcli.geometry.hinges import hinge_frame
 from ddgcli.mechanics.terms import LinearOperator, Mode, Potential
 from ddgcli.mesh.scatter import sum_by_index
-from ddgcli.mesh.vectors import row_cross, row_dot
+from ddgcli.mesh.vectors import cross_matrix, row_cross, row_dot
 
 SIDES = ((0, 1), (0, 2), (1, 2), (0, 3), (1, 3))  # of a hinge
 ROTATIONS = ((1, 2, 3), (2, 3, 1), (3, 1, 2))  # of the vertices whose vectors span a hinge's volume
 
 
 class CubicBending(Potential):
-    """Energy w 4 sin^2((angle - rest) / 2) of the hinges under isometric moves.
+    """Energy 4 w sin^2((angle - rest) / 2) of the hinges under isometric moves.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ class CubicBending(Potential):
     weight : (h,) ndarray
         w in J.
     flat : bool
-        The hinges are at rest where they are flat, instead of as drawn.
+        Whether the hinges are at rest when flat, not as in the input.
     """
 
     name = "bending"
@@ -59,7 +59,7 @@ class CubicBending(Potential):
         return corner - corner[:, :1]
 
     def energy(self, x: NDArray) -> float:
-        # in the displacement, where the rest shape is stationary: the polynomial cancels to many digits
+        # as a polynomial of the displacement from the rest shape: that of the positions loses many digits
         d = self._vectors(x) - self._rest
         quadratic = 0.5 * np.einsum("hij,hia,hja->h", self.form, d, d, optimize=True)
         mean = self._rest + d / 3
@@ -85,18 +85,18 @@ class CubicBending(Potential):
         return lambda v: sum_by_index(self.stencil, np.matmul(self._positive, v[self.stencil]), len(v))
 
     def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
-        """The constant quadratic part (its positive part, unless exact) and the linear cubic one."""
+        """Blocks of the quadratic form (its positive part, unless exact), plus those of the cubic."""
         form = self.form if mode == "exact" else self._positive
         blocks = np.einsum("hij,ab->hiajb", form, np.eye(3))
         if mode == "exact":
             p = self._vectors(x)
             for i, j, k in ROTATIONS:
                 # derivative of p_j x p_k in p_j
-                turn = -self.cubic[:, None, None] * _cross_matrix(p[:, k])
+                turn = -self.cubic[:, None, None] * cross_matrix(p[:, k])
                 for row, sign in ((i, 1.0), (0, -1.0)):
                     blocks[:, row, :, j] += sign * turn
                     blocks[:, row, :, 0] -= sign * turn
-                turn = self.cubic[:, None, None] * _cross_matrix(p[:, j])
+                turn = self.cubic[:, None, None] * cross_matrix(p[:, j])
                 for row, sign in ((i, 1.0), (0, -1.0)):
                     blocks[:, row, :, k] += sign * turn
                     blocks[:, row, :, 0] -= sign * turn
@@ -104,9 +104,9 @@ class CubicBending(Potential):
 
 
 def _length_terms(corner: NDArray, gradient: NDArray) -> NDArray[np.float64]:
-    """(h, 4, 4) forms sum c_j L_j, L_j that of a squared side, whose gradient at (h, 4, 3) corners is given.
+    """(h, 4, 4) combinations of the forms of squared side lengths with a given gradient at (h, 4, 3) corners.
 
-    Forces on a hinge at its rest angle are in the span of its five sides.
+    They exist because the forces on a hinge at its rest angle are in the span of its five sides.
     """
     span = np.zeros((len(corner), 4, 3, len(SIDES)))
     forms = np.zeros((len(SIDES), 4, 4))
@@ -117,10 +117,3 @@ def _length_terms(corner: NDArray, gradient: NDArray) -> NDArray[np.float64]:
     pseudo = np.linalg.pinv(span.reshape(-1, 12, len(SIDES)))
     factors = np.matmul(pseudo, gradient.reshape(-1, 12, 1))[:, :, 0]
     return np.einsum("hk,kij->hij", factors, forms)
-
-
-def _cross_matrix(v: NDArray) -> NDArray[np.float64]:
-    """(h, 3, 3) matrices of the cross product v x."""
-    m = np.zeros((len(v), 3, 3))
-    m[:, 0, 1], m[:, 0, 2], m[:, 1, 2] = -v[:, 2], v[:, 1], -v[:, 0]
-    return m - m.transpose(0, 2, 1)

@@ -60,10 +60,10 @@ class Viscous(Potential):
 
 
 class ElasticViscous(Potential):
-    """R = beta/2 v' K v, K the material Hessian of a potential at `x`, by its product with v.
+    """R = beta/2 v' K v, K the material Hessian of a potential at `x`, given by its products with v.
 
-    Explicit steps need the force alone: the blocks, which take twenty times as long, are made for implicit
-    ones.
+    Explicit steps need only the force; the blocks, which take twenty times as long, are computed on demand
+    for implicit steps.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Facts of a dry run of shells: what the scene builds, and on what the cost of a step depends."""
+"""Dry run of a scene of shells: the systems that it would build, and the quantities that set its cost."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ddgcli.simulation.model import Schedule
 
 
 def cost_facts(scene: Scene, contexts: dict[str, ShellContext]) -> dict[str, Any]:
-    """Facts on which the cost of a step depends.
+    """Quantities on which the cost of a step depends.
 
     Parameters
     ----------
@@ -26,17 +26,16 @@ def cost_facts(scene: Scene, contexts: dict[str, ShellContext]) -> dict[str, Any
     Returns
     -------
     dict
-        `contact` (with another object), `stretching` (an effect resists it), `midedge` (bending) and
-        `stiffness_damping` are bool.
-        `pair_elements` are the faces among which contact searches pairs: those of shells that meet
-        themselves, each other or an obstacle with a mesh, and of that mesh.
+        `contact` (with another object), `stretching`, `midedge` (bending) and `stiffness_damping`: bool,
+        whether the scene has them. `pair_elements`: number of faces among which contact searches for pairs,
+        those of shells in contact with themselves, each other or an obstacle with a mesh, and of that mesh.
     """
     effects = [(effect.name, parameters) for effect, parameters, _ in scene.effects]
     searched: set[str] = set()
     for name, parameters in effects:
         if name == "contact":
-            meets = parameters.self_contact
-            searched |= set(contexts) if meets is True else set(meets or ())
+            names = parameters.self_contact
+            searched |= set(contexts) if names is True else set(names or ())
             meshes = set(contexts).union(*(context.obstacles for context in contexts.values()))
             searched |= {name for pair in parameters.pairs if meshes.issuperset(pair) for name in pair}
     faces = {name: context.mesh.n_faces for name, context in contexts.items()}
@@ -52,9 +51,9 @@ def cost_facts(scene: Scene, contexts: dict[str, ShellContext]) -> dict[str, Any
 
 
 def step_solver(scene: Scene, systems: dict[str, System]) -> str | None:
-    """Solver of the linear systems of the steps: an iterative one, or `direct`.
+    """Name of the solver of the linear systems of the steps: an iterative one, or `direct`.
 
-    The decision is that of the run, by the patterns of the Hessians and the available memory.
+    The run makes the same choice, from the sparsity of the Hessians and the available memory.
 
     Parameters
     ----------
@@ -64,7 +63,7 @@ def step_solver(scene: Scene, systems: dict[str, System]) -> str | None:
     Returns
     -------
     str or None
-        None of explicit steps.
+        None for explicit steps.
     """
     from ddgcli.mechanics.increment import Increment
     from ddgcli.mechanics.objective import Objective
@@ -78,7 +77,7 @@ def step_solver(scene: Scene, systems: dict[str, System]) -> str | None:
 def assembled(
     scene: Scene, shells: dict[str, ShellContext], systems: dict[str, System], schedule: Schedule
 ) -> dict[str, Any]:
-    """What a scene would build: sizes, terms, steps.
+    """Sizes, terms and steps of the systems that a scene would build.
 
     Parameters
     ----------
@@ -113,7 +112,7 @@ def assembled(
 
 
 def _term_texts(terms: Iterable[Any]) -> dict[str, str]:
-    """Kinds of the terms of each effect, with the elements of all shells."""
+    """Kinds of terms of each effect, with their numbers of elements over all shells."""
     counts: dict[str, dict[str, int]] = {}
     for term in terms:
         kind = type(term.own_term).__name__

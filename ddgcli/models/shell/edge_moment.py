@@ -1,4 +1,4 @@
-"""Moments on boundary edges: couples that turn the directors of the edges about them."""
+"""Moments on boundary edges: couples that turn the directors of the edges."""
 
 from __future__ import annotations
 
@@ -26,28 +26,29 @@ from ddgcli.models.shell.tensor_potential import TensorPotential
 
 
 class EdgeMoment(TensorPotential):
-    """Work of couples on the boundary edges, positive where they bend the shell towards convex.
+    """Potential of couples on boundary edges, positive if they bend the shell towards convex.
 
-    The director of an edge turns by its turn p against the normal of the face, less the turn of the face
-    against a fixed direction. Mid-edge bending is least over p also under the couple m l: the couple adds
+    The rotation of the director is its rotation p relative to the face normal, less the rotation of the face
+    relative to a fixed direction. Mid-edge bending is minimised over p under the couple m l, too: this adds
     -m l p(x), which is linear in the angles of the shell. Without directors the couple acts on the face.
 
-    The force of a couple that keeps its size has an energy only while the edge keeps its direction; elsewhere
-    the force is right, and the energy approximate.
+    A couple of constant magnitude has an energy only while the edge keeps its direction; otherwise the force
+    is exact, and the energy approximate.
 
     Parameters
     ----------
     couple : (c,) ndarray
-        N m.
+        In N m.
     side : (c,) ndarray
         Flat indices of the boundary sides.
     corner : (c, 3) ndarray
         Tail, head and apex of the sides.
     direction : (c, 3) ndarray
-        Into the faces at rest.
+        Unit vectors into the faces at rest.
     bending : MidedgeBending or None
     turn : (c,) ndarray
-        Turn of the faces at the last accepted step: angles are counted from there, so that whole turns count.
+        Rotations of the faces at the last accepted step, from which angles are measured: so they can exceed
+        a full turn.
     """
 
     name = "load"
@@ -82,7 +83,7 @@ class EdgeMoment(TensorPotential):
         )
 
     def counted_from(self, turn: NDArray) -> EdgeMoment:
-        """The same moments, with angles counted from other turns."""
+        """The same moments, with angles measured from other rotations of the faces."""
         return EdgeMoment(self.couple, self.side, self.corner, self.direction, self.bending, turn)
 
     @at_last_point
@@ -90,11 +91,11 @@ class EdgeMoment(TensorPotential):
         return one_sided_frame(x, self.corner, self.direction)
 
     def turns(self, x: NDArray) -> NDArray[np.float64]:
-        """(c,) turns of the faces, within half a turn of those at the last step."""
+        """(c,) rotations of the faces, within half a turn of those at the last step."""
         return self.turn + wrapped(self._hinge_frame(x).angle - self.turn)
 
     def added_rotations(self) -> NDArray[np.float64] | float:
-        """Rotations of edges that the couples add; 0 without directors."""
+        """Rotations that the couples add to the edge directors; 0 without directors."""
         return 0.0 if self.bending is None else self.bending.rotations_of(self.side, self.couple)
 
     def energy(self, x: NDArray) -> float:
@@ -117,7 +118,7 @@ class EdgeMoment(TensorPotential):
 
 @dataclass(frozen=True, eq=False)
 class EdgeTurns(Memory):
-    """Memory of the turns of the faces under an edge moment, so that they can exceed half a turn."""
+    """Memory of the rotations of the faces under an edge moment, so that they can exceed half a turn."""
 
     potential: Any
     effect: str = "load"
@@ -140,14 +141,14 @@ class EdgeTurns(Memory):
 
 
 def edge_moment(context: ShellContext, vertices: NDArray, moment: float) -> Potential:
-    """Potential of moments on the boundary edges between some vertices.
+    """Potential of moments on the boundary edges that join some vertices.
 
     Parameters
     ----------
     context : ShellContext
     vertices : (k,) ndarray of int64
     moment : float
-        In N m per metre.
+        Moment per length of the edges, in N m per metre.
 
     Returns
     -------
@@ -156,12 +157,12 @@ def edge_moment(context: ShellContext, vertices: NDArray, moment: float) -> Pote
     Raises
     ------
     ValueError
-        Where no edge of the boundary joins two of the vertices.
+        If no boundary edge joins two of the vertices, or a pin clamps one that does.
     """
     topology, mesh = context.mesh.topology, context.mesh
-    lone = topology.side_twin.ravel() < 0
+    is_boundary = topology.side_twin.ravel() < 0
     ends = np.isin(topology.side_tail, vertices) & np.isin(topology.side_head, vertices)
-    side = np.flatnonzero(lone & ends)
+    side = np.flatnonzero(is_boundary & ends)
     if not len(side):
         raise ValueError(
             "no edge of the boundary joins two of these vertices; a moment on vertices or a box acts on "

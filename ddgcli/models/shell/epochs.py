@@ -1,4 +1,4 @@
-"""Motion of shells that break: from one crack to the next their meshes are fixed, and so is their model."""
+"""Motion of shells that break. Between two cracks (an epoch) the meshes and the model do not change."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from ddgcli.simulation.account import Account
 from ddgcli.simulation.model import Arrays, Model, Observation
 
 Build = Callable[[Group], tuple[System, Model[Motion]]]
-MAX_EPOCHS = 4  # models that are kept: halves of a step go back to earlier ones
+MAX_EPOCHS = 4  # cached models; a step that is halved returns to an earlier one
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,11 +33,11 @@ class BreakingMotion:
     Parameters
     ----------
     motion : Motion
-        Of the vertices of the current surfaces.
+        Motion of the vertices of the current surfaces.
     opened : (h,) ndarray of bool
-        Which interior edges of the whole surfaces are open, shell after shell.
+        Whether each interior edge of the unbroken surfaces is open, shell after shell.
     released : float
-        Joules that cracks have taken from the stored energy.
+        Stored energy that the cracks have released, in J.
     """
 
     motion: Motion
@@ -47,7 +47,7 @@ class BreakingMotion:
 
 @dataclass(frozen=True, eq=False)
 class Epoch:
-    """The surfaces between two cracks, and their model."""
+    """The surfaces between two cracks, and their model: constant until the next crack."""
 
     surfaces: dict[str, SplitSurface]
     group: Group
@@ -61,13 +61,13 @@ class Breaking:
     Parameters
     ----------
     group : Group
-        The shells, whole.
+        The unbroken shells.
     strengths : dict of str to Strength
-        Of the shells that break.
+        Limits of the shells that can break.
     build : callable Group -> (System, Model)
-        The model of a group of shells.
+        Builds the model of a group of shells.
     account : Account
-        Of these models.
+        Account of these models.
     """
 
     def __init__(self, group: Group, strengths: dict[str, Strength], build: Build, account: Account) -> None:
@@ -89,11 +89,11 @@ class Breaking:
         )  # fmt: skip
 
     def _by_shell(self, opened: NDArray[np.bool_]) -> dict[str, NDArray[np.bool_]]:
-        """Open edges of each shell that breaks."""
+        """Open edges of each shell that can break."""
         return dict(zip(self._strengths, np.split(opened, self._ends[1:-1])))
 
     def _epoch(self, opened: NDArray[np.bool_]) -> Epoch:
-        """Surfaces and model of these open edges; the last few are kept."""
+        """Surfaces and model for these open edges; the last few are cached."""
         key = opened.tobytes()
         if key not in self._epochs:
             shells, surfaces = dict(self._group.shells), {}
@@ -102,9 +102,10 @@ class Breaking:
                 surfaces[name] = surface
                 shells[name] = split_context(shells[name], surface.faces, surface.origin)
             calls, group = dict(self._account.calls), replace(self._group, shells=shells)
-            with without_warnings():  # the whole shells have issued these warnings
+            with without_warnings():  # building the unbroken shells has issued them
                 system, model = self._build(group)
-            self._account.calls = calls  # a resumed run builds other epochs than a whole one
+            # a resumed run builds other epochs than an uninterrupted one, and must report the same calls
+            self._account.calls = calls
             while len(self._epochs) >= MAX_EPOCHS:
                 del self._epochs[next(iter(self._epochs))]
             self._epochs[key] = Epoch(surfaces, group, system, model)
@@ -115,7 +116,7 @@ class Breaking:
         return self._stepped(state, rescue, time, dt)
 
     def _opened(self, opened: NDArray[np.bool_], epoch: Epoch, x: NDArray) -> NDArray[np.bool_]:
-        """All open edges at positions x of an epoch's vertices."""
+        """Open edges, and those beyond a limit at positions x of an epoch's vertices."""
         points = epoch.group.split(x)
         beyond = [
             strength.exceeded(points[name], epoch.surfaces[name].faces)
@@ -124,7 +125,7 @@ class Breaking:
         return opened | np.concatenate(beyond)
 
     def _stepped(self, state: BreakingMotion, advance: Callable, time: float, dt: float) -> BreakingMotion:
-        """A step of the present surfaces; then every edge beyond its limits opens."""
+        """Advance the current surfaces by a step; then open every edge beyond its limits."""
         motion, epoch = advance(state.motion, time, dt), self._epoch(state.opened)
         with self._account.within("fracture"):
             opened = self._opened(state.opened, epoch, motion.x)
@@ -143,7 +144,7 @@ class Breaking:
         released = sum(energy.values()) - sum(later_energy.values())
         pushed = released < 0 and later_energy.get("contact", 0.0) > energy.get("contact", 0.0)
         if pushed or any(barrier.outside(x) is not None for barrier in after.barriers):
-            # pieces would be too near to others: the edges open in a later step
+            # the pieces would be too close to each other; the edges open in a later step
             return replace(state, motion=motion)
         past = motion.past and (motion.past[0][rows], motion.past[1][rows], motion.past[2])
         a = after.acceleration(x, v, dt)
@@ -158,7 +159,7 @@ class Breaking:
         scalar = {
             **observation[first].scalar,
             "cracks": float(state.opened.sum()),
-            "pieces": float(whole + sum(surface.pieces for surface in epoch.surfaces.values())),
+            "pieces": float(whole + sum(surface.n_pieces for surface in epoch.surfaces.values())),
             "fracture_energy": state.released,
         }
         return {**observation, first: replace(observation[first], scalar=scalar)}
@@ -174,7 +175,7 @@ class Breaking:
 
 
 def earlier_rows(epoch: Epoch, later: Epoch) -> NDArray[np.int64]:
-    """Vertex of an epoch that each vertex of a later epoch was."""
+    """For each vertex of a later epoch, its index in an earlier one."""
     rows = []
     for name, start in zip(epoch.group.shells, epoch.group.ends):
         if name in later.surfaces:
@@ -195,7 +196,7 @@ def breaking_model(
     scene : Scene
     group : Group
     fractures : list of Fracture
-        Of shells of the group.
+        Sections of the effect that name shells of the group.
     build : callable Group -> (System, Model)
     account : Account
 
@@ -210,13 +211,13 @@ def breaking_model(
         if name in strengths:
             scene.refuse(("effects", "fracture"), f"fracture: {name!r} has two of them; keep one")
         strengths[name] = Strength(group.shells[name].mesh, section.strain, section.angle, flat)
-    # in the order of the shells, whatever that of the effects is
+    # in the order of the shells, not of the effects
     ordered = {name: strengths[name] for name in group.shells if name in strengths}
     return Breaking(group, ordered, build, account).model()
 
 
 def split_context(context: ShellContext, faces: NDArray, origin: NDArray) -> ShellContext:
-    """The context of a shell that has come apart."""
+    """Context of a broken shell, from that of the unbroken one."""
     points = np.asarray(context.mesh.points)[origin]
     arrays = {name: values[origin] for name, values in context.arrays.items()}
     mesh = TriangleMesh(points, Topology(faces, len(points)))
@@ -224,13 +225,13 @@ def split_context(context: ShellContext, faces: NDArray, origin: NDArray) -> She
 
 
 def with_faces(observation: Observation, context: ShellContext) -> Observation:
-    """An observation that carries its faces and the vertices of the whole surface."""
+    """The observation with its faces, and the index in the unbroken shell of each vertex."""
     vertex = {**observation.vertex, "input_vertex": context.vertices_at_start}
     return replace(observation, vertex=vertex, faces=np.asarray(context.mesh.faces))
 
 
 def whole_model(model: Model, shells: dict[str, ShellContext]) -> Model:
-    """Model of shells that stay whole, whose observations carry their faces, beside shells that break.
+    """Model of unbreakable shells in a scene with breakable ones: its observations include the faces.
 
     Parameters
     ----------
@@ -249,7 +250,7 @@ def whole_model(model: Model, shells: dict[str, ShellContext]) -> Model:
 
 
 def observed_with_faces(model: Model, shells: dict[str, ShellContext], state: Any) -> dict[str, Observation]:
-    """Observations of shells that carry their faces."""
+    """Observations of the shells of a model, with their faces."""
     observation: Any = model.observe(state)
     return {name: with_faces(arrays, shells[name]) for name, arrays in observation.items()}
 
@@ -257,14 +258,14 @@ def observed_with_faces(model: Model, shells: dict[str, ShellContext], state: An
 def contexts_of_frame(
     shells: dict[str, ShellContext], trajectory_frame: TrajectoryFrame
 ) -> dict[str, ShellContext]:
-    """Contexts of the shells as they are in a frame.
+    """Contexts of the shells, broken as in a frame.
 
     Parameters
     ----------
     shells : dict of str to ShellContext
-        At the start.
+        Contexts at the start.
     trajectory_frame : TrajectoryFrame
-        With `faces` and `input_vertex`.
+        A frame with `faces` and `input_vertex`.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Advice after a failed load step of an equilibrium, where a shorter time step has no meaning."""
+"""Advice for load steps of equilibria that fail, where a shorter time step is no remedy."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from ddgcli.mechanics.terms import PlasticMemory
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.scenes.scene import Scene
 
-NO_EQUILIBRIUM = ("wind", "fracture")  # effects that `static` refuses
-NEEDLE_SIDE = 1e-5  # of the longest side of a face
+NO_EQUILIBRIUM = ("wind", "fracture")  # effects that are errors with `static`
+NEEDLE_SIDE = 1e-5  # ratio of the shortest side of a face to its longest, below which the face is a needle
 
 
 def load_advice(system: System, parameters: Any, meshes: Sequence[TriangleMesh]) -> str:
-    """What may help where a load step fails.
+    """Advice for a load step that failed.
 
     Parameters
     ----------
     system : System
     parameters
-        Parameters of the integrator `static`.
+        Section [time] with the parameters of the integrator `static`.
     meshes : sequence of TriangleMesh
 
     Returns
@@ -43,14 +43,14 @@ def load_advice(system: System, parameters: Any, meshes: Sequence[TriangleMesh])
 
 
 def rest_advice(scene: Scene, system: System, accelerates: bool) -> str:
-    """How to come to the equilibrium of a scene.
+    """Advice on how to compute the equilibrium of a scene.
 
     Parameters
     ----------
     scene : Scene
     system : System
     accelerates : bool
-        The loads accelerate the shell as a whole.
+        Whether the loads accelerate the shell as a whole.
 
     Returns
     -------
@@ -65,7 +65,7 @@ def rest_advice(scene: Scene, system: System, accelerates: bool) -> str:
 
 
 def needle_advice(meshes: Sequence[TriangleMesh]) -> str:
-    """Where meshes have needles, and the repair that removes them.
+    """Advice on needles of meshes: the first one, and the repair that removes them.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def needle_advice(meshes: Sequence[TriangleMesh]) -> str:
     Returns
     -------
     str
-        "" where they have none.
+        "" if there are none.
     """
     for mesh in meshes:
         shortest, longest = mesh.side_length.min(axis=1), mesh.side_length.max(axis=1)

@@ -16,13 +16,13 @@ from ddgcli.models.shell.tensor_potential import TensorPotential
 def face_arrays(
     context: ShellContext, potentials: Sequence[Any], x: NDArray
 ) -> dict[str, NDArray[np.float64]]:
-    """Tensors of the faces of a shell at positions x (n, 3), for `stvk` and `midedge`; empty for others.
+    """Tensors on the faces of a shell, for the models `stvk` and `midedge`; empty for other models.
 
     Parameters
     ----------
     context : ShellContext
     potentials : sequence
-        Of the shell.
+        Terms of the shell.
     x : (n, 3) ndarray of float64
         Positions in m.
 
@@ -45,7 +45,7 @@ def face_arrays(
             strain, second = potential.green_strain(x)
             stretch = np.sqrt(np.linalg.det(np.matmul(gradient.transpose(0, 2, 1), gradient)))
             cauchy = second / (stretch * float(context.shell.thickness or 1.0))[:, None, None]
-            elastic = potential.deformation_gradient(x)  # from the rest shape that yielding has left
+            elastic = potential.deformation_gradient(x)  # relative to the rest shape after yielding
             turn = _rotation(
                 np.matmul(_rest_sides(points, context.mesh.faces, face_frame), potential.basis[:, 1:])
             )
@@ -71,13 +71,13 @@ def _face_frames(points: NDArray, faces: NDArray) -> NDArray[np.float64]:
 
 
 def _deformation(points: NDArray, x: NDArray, faces: NDArray, face_frame: NDArray) -> NDArray[np.float64]:
-    """(m, 3, 2) deformation gradients in these frames."""
+    """(m, 3, 2) deformation gradients, with respect to the face frames."""
     now = np.stack([x[faces[:, k]] - x[faces[:, 0]] for k in (1, 2)], axis=2)
     return np.matmul(now, np.linalg.inv(_rest_sides(points, faces, face_frame)))
 
 
 def _rest_sides(points: NDArray, faces: NDArray, face_frame: NDArray) -> NDArray[np.float64]:
-    """(m, 2, 2) columns: sides out of the first corner at rest, in these frames."""
+    """(m, 2, 2) matrices whose columns are the sides from the first corner at rest, in the face frames."""
     rest = np.stack([points[faces[:, k]] - points[faces[:, 0]] for k in (1, 2)], axis=2)
     return np.matmul(face_frame.transpose(0, 2, 1), rest)
 
@@ -96,7 +96,7 @@ def _eigenvalues(tensor: NDArray) -> NDArray[np.float64]:
 
 
 def _finite(tensor: NDArray) -> NDArray[np.bool_]:
-    """(m, 1, 1): whether all entries are, so that lapack takes them (not in a run beyond all numbers)."""
+    """(m, 1, 1): whether all entries are finite, as LAPACK requires; they are not after an overflow."""
     return np.isfinite(tensor).all(axis=(1, 2))[:, None, None]
 
 
@@ -106,7 +106,7 @@ def _in_space(face_frame: NDArray, tensor: NDArray) -> NDArray[np.float64]:
 
 
 def _tangent_values(tensor: NDArray) -> NDArray[np.float64]:
-    """(m, 2) eigenvalues, descending, of symmetric (m, 3, 3) tensors without the one of the normal, zero."""
+    """(m, 2) eigenvalues, descending, of symmetric (m, 3, 3) tensors, without the zero of the normal."""
     values = _eigenvalues(tensor)
     normal = np.argmin(np.abs(values), axis=1)
     in_tangent = np.arange(3) != normal[:, None]

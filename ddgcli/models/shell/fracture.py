@@ -1,4 +1,4 @@
-"""Effect `fracture`: edges that stretch or bend too far open, and the surface comes apart along them."""
+"""Effect `fracture`: edges that stretch or bend too far open, and the surface breaks along them."""
 
 # mypy: disable-error-code="valid-type"
 
@@ -33,7 +33,7 @@ class Fracture(Section):
 
 
 def build(parameters: Fracture, context: ShellContext) -> list[Any]:
-    """No term: cracks change the mesh between the steps (see `epochs`). Refuses what they do not allow."""
+    """Check that the scene allows cracks. They change the mesh between steps (see `epochs`): no term."""
     time, topology = context.scene.time, context.mesh.topology
     explicit = INTEGRATORS[time.integrator].reach(time) < float("inf") or time.integrator == "avi"
     if explicit or time.integrator == "static":
@@ -56,7 +56,7 @@ def build(parameters: Fracture, context: ShellContext) -> list[Any]:
 
 
 def _require_separable(shell: str, name: str, section: Any) -> None:
-    """ValueError for an effect on a shell, or a choice of its parameters, that splits would change."""
+    """ValueError for an effect on a shell, or parameters of it, that cannot continue across a crack."""
     if getattr(section, "object", None) not in (None, shell) and getattr(section, "to", None) != shell:
         return
     if name == "bending" and section.model in ("quadratic", "cubic"):

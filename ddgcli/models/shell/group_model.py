@@ -1,4 +1,4 @@
-"""The model of a group of coupled shells for the time loop: its start, and its steps."""
+"""Model of a group of coupled shells for the time loop: its initial motion and its steps."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def group_model(scene: Scene, group: Group, system: System) -> Model[Motion]:
     scene : Scene
     group : Group
     system : System
-        Masses and terms of its shells.
+        Masses and terms of the shells of the group.
 
     Returns
     -------
@@ -55,7 +55,7 @@ def group_model(scene: Scene, group: Group, system: System) -> Model[Motion]:
         stop=partial(_load_reached, parameters.duration) if integrator.own_time else None,
         clock=(lambda motion: motion.time) if integrator.own_time else None,
         advice=partial(load_advice, system, parameters, steps.meshes) if integrator.order == 0 else None,
-        # what nothing holds moves rigidly first
+        # iterations indicate the difficulty of a step only for held shells: free ones first move rigidly
         iterations=(lambda m: float(m.newton)) if system.support_mask.any() and np.isinf(reach) else None,
         least_tolerance=lambda motion: least_tolerance(motion.x, size),
     )  # fmt: skip
@@ -110,7 +110,7 @@ class GroupSteps:
             after = replace(after, time=end)
             work = driving_work(current, before, after, dt, later, integrator.acts_at, pushes_at)
         if not self._in_balance and _has_yielded(memory, motion.memory):
-            # the next step begins with the forces of what has yielded: else their work is lost
+            # the next step starts with the forces after yielding; otherwise their work is lost
             softer = system.with_memory_at(memory).at(end)
             after = replace(after, a=softer.acceleration(after.x, after.v, dt))
         return replace(after, time=end, work=motion.work + work, memory=memory, past=past)
@@ -128,7 +128,7 @@ class GroupSteps:
 
 
 def _has_yielded(memory: Any, before: Any) -> bool:
-    """Whether a step has changed a memory that counts its work."""
+    """Whether a step has changed a plastic memory, which has an array `work`."""
     return any("work" in new and new is not old for new, old in zip(memory, before))
 
 
@@ -154,7 +154,7 @@ def _initial_velocity(context: ShellContext) -> NDArray[np.float64]:
 
 
 def _constrained(scene: Scene, system: System, motion: Motion) -> Motion:
-    """The motion at the start with velocities that change no rigid edge, and multipliers."""
+    """The initial motion, with multipliers and velocities projected to keep the lengths of rigid edges."""
     if not system.constraints:
         return motion
     from ddgcli.mechanics.constraints import Projection, redundant
@@ -174,7 +174,7 @@ def _constrained(scene: Scene, system: System, motion: Motion) -> Motion:
 
 
 def _check_tolerance(scene: Scene, tolerance: float | None, least: float) -> None:
-    """Refuse a tolerance that no step can meet, because positions are rounded."""
+    """Raise an error for a tolerance that no step can meet, because positions are rounded."""
     if tolerance is None or scene.time.integrator == "static" or tolerance >= least:
         return
     reason = (
@@ -187,5 +187,5 @@ def _check_tolerance(scene: Scene, tolerance: float | None, least: float) -> Non
 
 
 def _load_reached(duration: float, motion: Motion) -> Ending | None:
-    """Ending of an equilibrium path at the whole load."""
+    """Ending of an equilibrium path that has reached the full load."""
     return Ending("complete", "the whole load is reached") if motion.time >= duration else None

@@ -13,9 +13,8 @@ from ddgcli.models.shell.context import ShellContext
 from ddgcli.scenes.scene import Scene
 from ddgcli.simulation.outcome import Outcome
 
-Order = Sequence[
-    tuple[str, int]
-]  # name of the system and number of vertices of each shell, in the scene's order
+# name of the system and number of vertices of each shell, in the order of the scene
+Order = Sequence[tuple[str, int]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,12 +24,12 @@ class Group:
     Parameters
     ----------
     shells : dict of str to ShellContext
-    places : tuple of int
-        Indices of the shells among all shells of the scene.
+    shell_indices : tuple of int
+        Index of each shell among all shells of the scene.
     """
 
     shells: dict[str, ShellContext]
-    places: tuple[int, ...]
+    shell_indices: tuple[int, ...]
 
     @property
     def name(self) -> str:
@@ -39,15 +38,15 @@ class Group:
 
     @property
     def ends(self) -> NDArray[np.int64]:
-        """First vertex of each shell, and the number of all vertices."""
+        """First vertex of each shell, then the total number of vertices."""
         return np.cumsum([0, *(context.mesh.n_vertices for context in self.shells.values())])
 
     def split(self, values: NDArray) -> dict[str, NDArray]:
-        """Each shell's part of (n, ...) values."""
+        """(n, ...) values, split by shell."""
         return dict(zip(self.shells, np.split(values, self.ends[1:-1])))
 
     def rows(self) -> dict[str, tuple[ShellContext, NDArray]]:
-        """Context and vertices of each shell."""
+        """Context of each shell, and indices of its vertices in the group."""
         ends = self.ends
         return {
             name: (context, np.arange(ends[k], ends[k + 1]))
@@ -81,15 +80,15 @@ def groups(scene: Scene, shells: dict[str, ShellContext]) -> list[Group]:
     members: dict[str, list[str]] = {}
     for name in shells:
         members.setdefault(first(name), []).append(name)
-    places = {name: k for k, name in enumerate(shells)}
+    indices = {name: k for k, name in enumerate(shells)}
     return [
-        Group({name: shells[name] for name in names}, tuple(places[name] for name in names))
+        Group({name: shells[name] for name in names}, tuple(indices[name] for name in names))
         for names in members.values()
     ]
 
 
 def terms_between(scene: Scene, group: Group) -> list[Any]:
-    """Terms that effects make between the shells of a group.
+    """Terms of effects that couple the shells of a group.
 
     Parameters
     ----------
@@ -111,7 +110,7 @@ def terms_between(scene: Scene, group: Group) -> list[Any]:
 
 
 def points_at_end(outcome: Outcome, systems: Iterable[str], order: Order) -> dict[str, NDArray]:
-    """Vertices of each system in the last frame, which has those of all shells one after another.
+    """Vertex positions of each system in the last frame, where the shells of a scene are concatenated.
 
     Parameters
     ----------

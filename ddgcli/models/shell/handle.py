@@ -80,7 +80,7 @@ def build(parameters: Handle, context: ShellContext) -> list[PrescribedMotion]:
 
 
 def _middle(vertices: NDArray, context: ShellContext) -> NDArray[np.float64]:
-    """Mean of the vertices at the start; where the shell has come apart, copies of one count once."""
+    """Mean of the vertices at the start; copies of a split vertex count once."""
     if context.input_vertex is not None:
         _, first = np.unique(context.input_vertex[vertices], return_index=True)
         vertices = vertices[first]

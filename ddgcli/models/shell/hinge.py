@@ -1,6 +1,6 @@
-"""Second derivatives of the angles of hinges in closed form; the angles are those of `geometry.hinges`.
+"""Second derivatives of hinge angles in closed form, for the angles of `geometry.hinges`.
 
-Formulas after Tamstorf and Grinspun 2013, checked by finite differences.
+R. Tamstorf, E. Grinspun, "Discrete bending forces and their Jacobians", 2013.
 """
 
 from __future__ import annotations
@@ -36,11 +36,12 @@ def angle_hessian(f: HingeFrame) -> NDArray[np.float64]:
 def angle_second_derivatives(
     f: HingeFrame, factor: NDArray
 ) -> Iterator[tuple[tuple[int, int], NDArray[np.float64]]]:
-    """Summands of the Hessian of the hinge angle times factors, by pairs of vertices.
+    """Terms of the Hessian of the hinge angle times factors, by pairs of vertices.
 
-    Rows belong to vertex a, columns to b; the blocks of one vertex follow, because translation changes
-    nothing. The published blocks factor: a face whose height has its foot at c = (1 - s, s, -1) on (tail,
-    head, apex) has, with d = (1, -1, 0) and a conormal m, the blocks
+    Rows belong to vertex a, columns to b. The diagonal blocks follow from these, because the angle is
+    invariant under translation. The published blocks of one face factor as follows. Let h be its height over
+    the hinge of length L and direction u, with foot (1 - s) tail + s head; n its normal, m a conormal,
+    c = (1 - s, s, -1) and d = (1, -1, 0) over (tail, head, apex). Then its blocks are
     c c' (n m' + m n') / h^2 + c d' u n' / hL + d c' n u' / hL + d d' (n m' + m n') / 2 L^2.
 
     Parameters
@@ -70,7 +71,7 @@ def angle_second_derivatives(
 
 
 def wrapped(angle: NDArray) -> NDArray[np.float64]:
-    """Angles brought to [-pi, pi] by multiples of 2 pi.
+    """Angles wrapped to [-pi, pi].
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Key frames: rigid motions and factors between given times, linear or smooth."""
+"""Rigid motions along key frames, with linear or smooth interpolation."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from ddgcli.mesh.vectors import row_cross
 from ddgcli.scenes.shapes import Rotation, rotation_matrix
 
-PARALLEL_TOLERANCE = 1e-12  # 1 - cosine of the angle between axes that count as one
+PARALLEL_TOLERANCE = 1e-12  # 1 - cosine of the angle below which two axes count as the same
 
 
 @dataclass(frozen=True, eq=False)
 class Turn:
-    """Rotation from one key frame to the next: `angle` rad about `axis`, after the matrix `start`."""
+    """Rotation between two key frames: by up to `angle` rad about `axis`, after the matrix `start`."""
 
     axis: NDArray[np.float64]
     angle: float
@@ -25,8 +25,8 @@ class Turn:
 def turns(rotations: list[Rotation]) -> list[Turn]:
     """Rotations between successive key frames.
 
-    Where two key frames share an axis (or name opposite ones) the angle is the difference of their degrees,
-    which may exceed half a revolution; else it is the shortest rotation from one orientation to the other.
+    If two key frames share an axis (or have opposite ones), the angle is the difference of their degrees,
+    which may exceed half a revolution; otherwise it is the shortest rotation between the two orientations.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ def turns(rotations: list[Rotation]) -> list[Turn]:
     Returns
     -------
     list of Turn
-        One fewer.
+        One for each pair of successive key frames.
     """
     result = []
     for before, after in zip(rotations, rotations[1:]):
@@ -43,7 +43,8 @@ def turns(rotations: list[Rotation]) -> list[Turn]:
         a, b = (np.array(r.axis) / np.linalg.norm(r.axis) for r in (before, after))
         if before.degrees == 0 or after.degrees == 0 or 1 - abs(a @ b) <= PARALLEL_TOLERANCE:
             axis = a if after.degrees == 0 else b
-            degrees = np.copysign(before.degrees, before.degrees * (axis @ a))  # about an opposite axis: less
+            # an angle about the opposite axis is negative
+            degrees = np.copysign(before.degrees, before.degrees * (axis @ a))
             result.append(Turn(axis, float(np.radians(after.degrees - degrees)), start))
             continue
         relative = rotation_matrix(after.axis, np.radians(after.degrees)) @ start.T
@@ -52,7 +53,7 @@ def turns(rotations: list[Rotation]) -> list[Turn]:
         angle = float(np.arctan2(np.linalg.norm(sine), 0.5 * (np.trace(relative) - 1)))
         if np.linalg.norm(sine) > 0:
             axis = sine / np.linalg.norm(sine)
-        else:  # none, or half a revolution: the axis is the eigenvector of 1
+        else:  # no rotation, or half a revolution: the axis is the eigenvector of the eigenvalue 1
             axis = np.linalg.svd(relative - np.eye(3))[2][-1]
         result.append(Turn(axis, angle, start))
     return result
@@ -60,15 +61,17 @@ def turns(rotations: list[Rotation]) -> list[Turn]:
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """Placement x = rotation p + shift of the points p of a rigid body, and how it moves.
+    """Position and velocity of a rigid body, whose points p are at x = rotation p + shift.
 
     Parameters
     ----------
     rotation : (3, 3) ndarray
     shift : (3,) ndarray
+        In m.
     velocity, spin : (3,) ndarray
-        m/s of the point `center`, and angular velocity in rad/s.
+        Velocity of the point `center` in m/s, and angular velocity in rad/s.
     center : (3,) ndarray
+        In m.
     """
 
     rotation: NDArray[np.float64]
@@ -78,15 +81,15 @@ class Pose:
     center: NDArray[np.float64]
 
     def points(self, p: NDArray) -> NDArray[np.float64]:
-        """Where (n, 3) points of the body are."""
+        """Positions of (n, 3) points of the body."""
         return p @ self.rotation.T + self.shift
 
     def body(self, x: NDArray) -> NDArray[np.float64]:
-        """(n, 3) points of the body that are at x."""
+        """(n, 3) coordinates in the body of the points at x."""
         return (x - self.shift) @ self.rotation
 
     def velocities(self, x: NDArray) -> NDArray[np.float64]:
-        """(n, 3) velocities of the body at the places x."""
+        """(n, 3) velocities of the body at the positions x."""
         return self.velocity + row_cross(self.spin, x - self.center)
 
 
@@ -97,17 +100,17 @@ class RigidKeyFrames:
     Parameters
     ----------
     points : (k, 3) ndarray
-        At the start.
+        Positions at the start.
     center : (3,) ndarray
-        Point about which the rotations turn.
+        Centre of the rotations.
     times : (f,) ndarray
-        s, ascending.
+        In s, ascending.
     displacements : (f, 3) ndarray
-        Of the centre, in m.
+        Displacement of the centre at each key frame, in m.
     rotations : list of Turn
-        One between each two key frames.
+        One for each pair of successive key frames.
     smooth : bool
-        Velocity and acceleration vanish at the key frames (the polynomial 10 u^3 - 15 u^4 + 6 u^5).
+        Whether velocity and acceleration vanish at the key frames (interpolation by 10 u^3 - 15 u^4 + 6 u^5).
     """
 
     points: NDArray[np.float64]
@@ -137,7 +140,7 @@ class RigidKeyFrames:
         return Pose(rotation, center - rotation @ self.center, ds * step, ds * turn.angle * turn.axis, center)
 
     def _progress(self, time: float) -> tuple[float, float, float, int]:
-        """Part of the interval k between key frames that is covered, its two time derivatives, and k."""
+        """Interpolation parameter in the interval k between key frames, its two time derivatives, and k."""
         t = self.times
         k = int(np.clip(np.searchsorted(t, time, side="right") - 1, 0, len(t) - 2))
         span = t[k + 1] - t[k]

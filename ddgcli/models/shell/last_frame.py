@@ -16,18 +16,18 @@ from ddgcli.simulation.outcome import Outcome
 
 
 def check_analysis(systems: dict[str, System], buckling_time: float | None = None) -> None:
-    """Raise an error for shells whose modes are not computed.
+    """Raise an error for shells whose vibration or buckling modes cannot be computed.
 
     Parameters
     ----------
     systems : dict of str to System
     buckling_time : float, optional
-        Of the loads whose factors are computed, in s; None where none are.
+        Time in s of the loads whose buckling factors are computed; None without buckling.
 
     Raises
     ------
     ParameterError
-        For rigid edges, plasticity, or shells without a free vertex; for shells none of which can buckle.
+        For rigid edges, for plasticity, if no vertex is free, and if none of the shells can buckle.
     """
     if any(system.constraints for system in systems.values()):
         raise ParameterError("modes of shells with rigid edges are not computed; leave rigid out")
@@ -105,7 +105,7 @@ def final(
                 for name, twin in twins.items()
             ]
             plate_check.warn_of_hinges(plate_check.farthest_from_one(factors), "some load factors")
-    # what has yielded is not known here
+    # without the plastic memory of the run, stresses after yielding cannot be computed here
     face = {} if yields else _faces(contexts, systems, end, order)
     return vertex, face, results
 
@@ -113,7 +113,7 @@ def final(
 def _plate_twins(
     contexts: dict[str, ShellContext], systems: dict[str, System], order: Order
 ) -> dict[str, plate_check.PlateTwin]:
-    """Plates in place of hinges, of the systems that have any."""
+    """Plate twins of the systems that have hinges."""
     owners = [owner for owner, _ in order]
     shells = {
         name: {c: context for (c, context), owner in zip(contexts.items(), owners) if owner == name}
@@ -126,10 +126,10 @@ def _plate_twins(
 def _own(
     name: str, order: Order, shapes: dict[str, NDArray], values: NDArray
 ) -> tuple[list[NDArray], NDArray[np.float64]]:
-    """Shapes of one system on its vertices, and their values."""
+    """Mode shapes of one system on its own vertices, and their values."""
     owners = np.concatenate([np.full(count, owner == name) for owner, count in order])
-    own = np.array([bool(shape[owners].any()) for shape in shapes.values()], dtype=bool)
-    return [shape[owners] for shape, mine in zip(shapes.values(), own) if mine], values[own]
+    is_own = np.array([bool(shape[owners].any()) for shape in shapes.values()], dtype=bool)
+    return [shape[owners] for shape, own in zip(shapes.values(), is_own) if own], values[is_own]
 
 
 def _yields(systems: dict[str, System]) -> bool:
@@ -140,7 +140,7 @@ def _yields(systems: dict[str, System]) -> bool:
 def _faces(
     contexts: dict[str, ShellContext], systems: dict[str, System], end: dict[str, NDArray], order: Order
 ) -> dict[str, NDArray]:
-    """Arrays on the faces of all shells, those that every shell has."""
+    """Face arrays over all shells, for the names that every shell has."""
     from ddgcli.mechanics.embedding import terms_of_rows
     from ddgcli.models.shell.face_arrays import face_arrays
 

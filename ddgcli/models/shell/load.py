@@ -61,7 +61,7 @@ class Load(RampSection):
 
 
 class HingeMoment(Potential):
-    """Energy -m |e| angle: equal and opposite couples on the two faces of an edge, of m N m per metre."""
+    """Opposite couples on the two faces of an edge: energy -moment (angle - rest), moment in N m."""
 
     name = "load"
 
@@ -102,7 +102,7 @@ def build(parameters: Load, context: ShellContext) -> list[Any]:
 
 
 def _constant_load(parameters: Load, context: ShellContext) -> Potential:
-    """The load at factor 1."""
+    """The load before its ramp is applied."""
     if parameters.moment is not None and parameters.edge is None:
         from ddgcli.models.shell.edge_moment import edge_moment
 
@@ -128,7 +128,7 @@ def _constant_load(parameters: Load, context: ShellContext) -> Potential:
 
 
 def boundary_share(context: ShellContext, vertices: NDArray) -> NDArray[np.float64]:
-    """(n,) half the lengths at rest of the boundary edges between some vertices."""
+    """(n,) half the total rest length of the boundary edges at each vertex that join two of `vertices`."""
     topology, x = context.mesh.topology, np.asarray(context.mesh.points)
     edges = topology.edges[topology.boundary_edges]
     edges = edges[np.isin(edges, vertices).all(axis=1)]

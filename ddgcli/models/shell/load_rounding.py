@@ -1,4 +1,4 @@
-"""Equilibria at which rounding of elastic forces leaves as much as the loads."""
+"""Check of equilibria under loads that are smaller than the rounding of the elastic forces."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ def load_rounding_reason(
 ) -> str:
     """Reason why equilibria under loads below the rounding of elastic forces are unreliable.
 
-    Forces that are left above the loads are the elastic forces of rounded positions, which are right to
-    their rounding then, with a warning; not so where faces are needles: their stiffness rounds off that of
-    the others in the Hessian, and a deflection may be a part of the right one.
+    Residual forces above the loads are the elastic forces of rounded positions. The positions are then
+    correct up to rounding, and a message is logged. This does not hold with needles among the faces: their
+    stiffness hides that of the other faces in the Hessian, and deflections may be much too small.
 
     Parameters
     ----------
@@ -35,18 +35,18 @@ def load_rounding_reason(
         Positions of each system in m.
     systems : mapping of str to System
     meshes : mapping of str to sequence of TriangleMesh
-        Of the shells of each system.
+        Meshes of the shells of each system.
     time : float
-        Of the loads, in s.
+        Time of the loads, in s.
 
     Returns
     -------
     str
-        "" where they are reliable.
+        "" if they are reliable.
     """
     reason = ""
     for name, system in systems.items():
-        if system.memories:  # the forces of what has yielded are not known here
+        if system.memories:  # without the memory of the run, forces after yielding cannot be computed here
             continue
         at_end, x = system.at(time).with_own_account(), end[name]
         largest = largest_load(at_end, x)

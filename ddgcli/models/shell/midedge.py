@@ -1,17 +1,17 @@
 """Mid-edge bending: a Kirchhoff-Love shell with linear displacements and one rotation per edge.
 
-The director of an edge is turned about the edge by the angle a from the mean of the normals of its two faces.
-In a face the director turns against the normal by p_j = +- a_j + (angle_j - rest_j) / 2 at the middle of side
-j, so the change of its second fundamental form is sum_j p_j l_j / A m_j m_j^T, with m_j the outward conormal,
-l_j the length and A the area at rest. The energy is that of a plate, Koiter's: per area
-D/2 ((1 - nu) |B|^2 + nu (tr B)^2).
+The director of an edge is the mean of the normals of its two faces, rotated about the edge by an angle a.
+Relative to the normal of a face, the director at the midpoint of side j is rotated by
+p_j = +- a_j + (angle_j - rest_j) / 2, so the second fundamental form of the face changes by
+B = sum_j p_j l_j / A m_j m_j^T, with the outward conormal m_j, the length l_j and the area A at rest. The
+energy per area is Koiter's for a plate, D/2 ((1 - nu) |B|^2 + nu (tr B)^2).
 
 This is the Hellan-Herrmann-Johnson shell of lowest order (M. Neunteufel, J. Schoeberl, "The
 Hellan-Herrmann-Johnson method for nonlinear shells", 2019) with the moments eliminated in every face; on flat
-plates it is Morley's triangle, which converges on any mesh of bounded angles. The energy is quadratic in the
-rotations a and in the angles, with matrices of the rest shape: the rotations follow from the positions by one
-solve with a constant matrix. They have no inertia, as in the theory of thin shells, and are not part of the
-state.
+plates it is the Morley triangle, which converges on any mesh with bounded angles. The energy is quadratic in
+the rotations a and in the angles, with matrices that depend only on the rest shape: the rotations follow from
+the positions by one solve with a constant matrix. They have no inertia, as in the theory of thin shells, and
+are not part of the state.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from ddgcli.mesh.vectors import dot, tangential, unit_vectors, vector_length
 from ddgcli.models.shell.hinge import angle_hessian, wrapped
 from ddgcli.models.shell.tensor_potential import TensorPotential
 
-NODES = 9  # of an element: corners, apexes across the sides, rotations of the sides
+NODES = 9  # nodes of an element: 3 corners, 3 apexes across the sides, 3 rotations of the sides
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,9 +43,9 @@ class ClampedSides:
     Parameters
     ----------
     side : (c,) ndarray of int
-        Flat indices; both ends stay in a plane across `direction`.
+        Flat indices; both ends stay in a plane perpendicular to `direction`.
     direction : (c, 3) ndarray
-        Unit vectors across the side, at acute angles with the direction into the face.
+        Unit vectors perpendicular to the side, at acute angles with the direction into the face.
     """
 
     side: NDArray[np.int64]
@@ -56,7 +56,7 @@ NO_CLAMP = ClampedSides(np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
 
 
 class MidedgeBending(TensorPotential):
-    """Plate energy of the angles between faces, least over the rotations of the edges.
+    """Plate energy of the angles between faces, minimised over the rotations of the edges.
 
     Parameters
     ----------
@@ -65,14 +65,14 @@ class MidedgeBending(TensorPotential):
     rigidity, poisson : float
         D in N m, and Poisson's ratio.
     flat : bool
-        The shell is at rest where it is flat, instead of as drawn.
+        Whether the shell is at rest when flat, not as in the input.
     clamps : ClampedSides
 
     Attributes
     ----------
     internal : int
-        Number of rotations, the internal unknowns. In `blocks` each is the rotation times the mean length of
-        the edges.
+        Number of edge rotations, the internal unknowns. In `blocks` the unknown is the rotation times the
+        mean length of the edges.
     """
 
     name = "bending"
@@ -96,9 +96,9 @@ class MidedgeBending(TensorPotential):
         self._clamp_corner = side_corners(topology)[clamps.side]
         self._angles(faces.size)
         unit = float(mesh.side_length.mean())
-        self._slope = self._sign / unit  # of the angle of a side in its rotation times length
+        self._slope = self._sign / unit  # derivative of the angle of a side by its internal unknown
         self.rigidity, self.poisson = rigidity, poisson
-        area = vector_length(face_area_vector(mesh))  # rounding of the lengths hides the area of needles
+        area = vector_length(face_area_vector(mesh))  # from lengths, the area of needles would be rounding
         self.plate = plate_matrices(mesh.side_length, area, rigidity, poisson)
         self._conormals = conormal_products(mesh.side_length, area)
         self._matrices()
@@ -123,7 +123,7 @@ class MidedgeBending(TensorPotential):
         self.internal = h + int(np.count_nonzero(alone))
 
     def _matrices(self) -> None:
-        """Second derivatives of the energy: rotations, rotations by angles, angles."""
+        """Second derivatives of the energy by rotations (factorised), by both, and by angles."""
         rotation, angle = np.maximum(self._rotation, 0).reshape(-1, 3), self._angle.reshape(-1, 3)
         slope, half_turn = self._slope.reshape(-1, 3), self._half_turn.reshape(-1, 3)
         angles = len(self.hinges) + len(self.clamps.side)
@@ -134,7 +134,7 @@ class MidedgeBending(TensorPotential):
                 np.broadcast_to(rows[:, :, None], values.shape),
                 np.broadcast_to(columns[:, None, :], values.shape),
             )
-            nonzero = values != 0  # where a side has no angle or no rotation, its number has no meaning
+            nonzero = values != 0  # a side without an angle or a rotation has no valid index
             matrix = coo_array((values[nonzero], (i[nonzero], j[nonzero])), shape=shape).tocsr()
             matrix.eliminate_zeros()
             return matrix
@@ -162,7 +162,7 @@ class MidedgeBending(TensorPotential):
 
     @at_last_point
     def strain(self, x: NDArray) -> NDArray[np.float64]:
-        """Change of the angles: hinges, then clamped sides."""
+        """Changes of the angles of the hinges, then of the clamped sides."""
         return np.concatenate(
             [
                 wrapped(self._hinge_frame(x).angle - self.rest),
@@ -171,11 +171,11 @@ class MidedgeBending(TensorPotential):
         )
 
     def rotations(self, strain: NDArray) -> NDArray[np.float64]:
-        """Rotations (times length) that take the least energy for changes of the angles."""
+        """Rotations (times length) that minimise the energy for given changes of the angles."""
         return -self._solver.solve(self._mixed @ strain) if self._solver else np.zeros(0)
 
     def moments(self, strain: NDArray) -> NDArray[np.float64]:
-        """Derivative of the least energy in the angles: moment times length of the edge, in N m."""
+        """Derivative of the minimal energy by the angles: moment times length of the edge, in N m."""
         return self._stiffness @ strain + self._mixed.T @ self.rotations(strain)
 
     @at_last_point
@@ -183,9 +183,9 @@ class MidedgeBending(TensorPotential):
         return self.moments(self.strain(x))
 
     def face_curvature(self, x: NDArray, added: NDArray | float = 0.0) -> NDArray[np.float64]:
-        """(m, 3) turn of the director against the normal at the middle of the three sides of each face.
+        """(m, 3) rotation of the director relative to the face normal, at the midpoints of the sides.
 
-        `added` are rotations (times length) that couples on edges add.
+        `added` are the rotations (times length) due to couples on edges.
         """
         strain = self.strain(x)
         rotation = np.concatenate([self.rotations(strain) + added, [0.0]])
@@ -202,7 +202,7 @@ class MidedgeBending(TensorPotential):
         return self.pulled_back(x, self._moment(x))
 
     def pulled_back(self, x: NDArray, moment: NDArray) -> NDArray[np.float64]:
-        """(n, 3) forces that moments about the hinges and the clamped sides are on the vertices."""
+        """(n, 3) gradient in the positions from the derivatives by the angles of hinges and clamped sides."""
         h = len(self.hinges)
         slope = moment[:h, None, None] * angle_gradient(self._hinge_frame(x))
         clamp_slope = moment[h:, None, None] * angle_gradient(self._clamp_frame(x))[:, :3]
@@ -211,7 +211,7 @@ class MidedgeBending(TensorPotential):
         )
 
     def turned(self, x: NDArray, move: NDArray) -> NDArray[np.float64]:
-        """Change of the angles by a small move (n, 3) of the vertices at x."""
+        """Changes of the angles at x, to first order, by a move (n, 3) of the vertices."""
         slope, clamp_slope = (
             angle_gradient(self._hinge_frame(x)),
             angle_gradient(self._clamp_frame(x))[:, :3],
@@ -224,7 +224,7 @@ class MidedgeBending(TensorPotential):
         )
 
     def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
-        """(m, 27, 27) Hessians in positions and rotations: the rotations are unknowns of their own here."""
+        """(m, 27, 27) Hessians in positions and rotations, which are independent unknowns here."""
         m = len(self.stencil)
         rate = np.zeros((3 * m, NODES, 3))
         slope = 0.5 * angle_gradient(self._hinge_frame(x))
@@ -243,7 +243,7 @@ class MidedgeBending(TensorPotential):
         return block
 
     def _add_geometric(self, x: NDArray, block: NDArray) -> None:
-        """Add moment times Hessian of the angle, of a hinge to its first face."""
+        """Add moment times Hessian of the angle; the term of a hinge goes to its first face."""
         h, moment = len(self.hinges), self._moment(x)
         terms = (
             (self._first, angle_hessian(self._hinge_frame(x)), moment[:h], 4),
@@ -260,11 +260,11 @@ class MidedgeBending(TensorPotential):
     # ------------------------------------------------------------ what other effects use
 
     def side_weights(self, side: NDArray, couple: NDArray) -> NDArray[np.float64]:
-        """Derivative in the angles of the work lost by couples (N m) on the turns of boundary sides."""
+        """Derivatives by the angles of the potential of couples (N m) on boundary sides."""
         return self._mixed.T @ self.rotations_of(side, couple)
 
     def rotations_of(self, side: NDArray, couple: NDArray) -> NDArray[np.float64]:
-        """(internal,) rotations (times length) that couples (N m) on boundary sides add."""
+        """(internal,) rotations (times length) due to couples (N m) on boundary sides."""
         force = sum_by_index(self._rotation[side], couple * self._slope[side], self.internal)
         return self._solver.solve(force) if self._solver else force
 
@@ -295,13 +295,14 @@ class MidedgeBending(TensorPotential):
 
 
 def plate_matrices(length: NDArray, area: NDArray, rigidity: float, poisson: float) -> NDArray[np.float64]:
-    """(m, 3, 3) second derivatives of the bending energy of faces in the turns of their three sides.
+    """(m, 3, 3) second derivatives of the bending energy of faces by the rotations p of their sides.
 
     Parameters
     ----------
     length : (m, 3) ndarray
-        Sides of the faces.
+        Lengths of the sides of the faces, in m.
     area : (m,) ndarray
+        In m^2.
     """
     square = length**2
     doubled = 0.5 * (square.sum(axis=1)[:, None] - 2 * np.roll(square, -2, axis=1))
@@ -316,9 +317,9 @@ def plate_matrices(length: NDArray, area: NDArray, rigidity: float, poisson: flo
 
 
 def conormal_products(length: NDArray, area: NDArray) -> NDArray[np.float64]:
-    """(m, 3, 2, 2) products l m m^T / A of the conormals m of the sides, of lengths l (m, 3); A = `area`.
+    """(m, 3, 2, 2) products l m m^T / A of the conormals m of the sides, with lengths l (m, 3) and areas A.
 
-    Frames: along the first side, and across it.
+    The axes of a face are its first side and the direction perpendicular to it.
     """
     a, b, c = length.T
     along = (a**2 + c**2 - b**2) / (2 * a)  # apex over the first side, at height h
@@ -347,7 +348,7 @@ def side_corners(topology: Topology) -> NDArray[np.int64]:
 
 
 def inward_directions(x: NDArray, corner: NDArray) -> NDArray[np.float64]:
-    """Unit vectors across sides into their faces.
+    """Unit vectors perpendicular to sides, into their faces.
 
     Parameters
     ----------
@@ -365,9 +366,9 @@ def inward_directions(x: NDArray, corner: NDArray) -> NDArray[np.float64]:
 
 
 def one_sided_frame(x: NDArray, corner: NDArray, direction: NDArray) -> HingeFrame:
-    """Hinges between faces and fixed half planes through their sides.
+    """Hinges between faces and half planes of fixed direction through their sides.
 
-    Only the face moves: the terms of the second face of gradient and Hessian are zero.
+    Only the face moves, so gradient and Hessian have no terms of a second face.
 
     Parameters
     ----------
@@ -375,7 +376,7 @@ def one_sided_frame(x: NDArray, corner: NDArray, direction: NDArray) -> HingeFra
     corner : (c, 3) ndarray of int64
         Tail, head and apex of each side.
     direction : (c, 3) ndarray of float64
-        Unit vector across the side, away from the half plane.
+        Unit vectors perpendicular to the sides, away from the half planes.
 
     Returns
     -------

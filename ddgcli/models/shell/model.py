@@ -1,4 +1,4 @@
-"""Shells of a scene as models for the loop: one for each group of coupled shells."""
+"""Models and systems of the shells of a scene, one for each group of coupled shells."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ from ddgcli.simulation.account import Account
 from ddgcli.simulation.effects import Effect
 from ddgcli.simulation.model import Model
 
-SIZE_RANGE = (1e-60, 1e60)  # m: a Hessian of bending holds the fourth power of a length
-LEAST_MASS = 1e-140  # kg, of a vertex
+SIZE_RANGE = (1e-60, 1e60)  # m; Hessians of bending contain fourth powers of lengths
+LEAST_MASS = 1e-140  # kg per vertex
 log = logging.getLogger("ddgcli")
 
 
@@ -55,7 +55,7 @@ def contexts(scene: Scene, read: Callable[[str], Any]) -> dict[str, tuple[ShellC
     Raises
     ------
     SceneError
-        For a mesh that carries no shell, at its place in the scene.
+        If a mesh cannot be a shell; the error names its section of the scene.
     """
     by_name = {}
     obstacles = _obstacle_meshes(scene, read)
@@ -77,7 +77,7 @@ def contexts(scene: Scene, read: Callable[[str], Any]) -> dict[str, tuple[ShellC
 
 
 def warn_of_unused_obstacles(scene: Scene) -> None:
-    """Report obstacles that no contact and no attach names.
+    """Warn about obstacles that neither `contact` nor `attach` names.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def _obstacle_meshes(scene: Scene, read: Callable[[str], Any]) -> dict[str, Plac
 
 
 def _require_sound(scene: Scene, number: int, context: ShellContext) -> None:
-    """Refuse what has no motion: no faces, faces without area, masses beyond the floating-point range."""
+    """Raise an error for a shell that cannot move: no faces, zero areas, masses that over- or underflow."""
     reason = unmet_need(context.mesh, "shell-sim")
     if reason is None and not (np.isfinite(context.mass).all() and (context.mass > 0).all()):
         reason = "a vertex has no finite mass; rescale the mesh"
@@ -167,7 +167,7 @@ def systems(scene: Scene, shells: dict[str, ShellContext], account: Account) -> 
 
 
 def models(scene: Scene, shells: dict[str, ShellContext], systems: dict[str, System]) -> dict[str, Model]:
-    """One model for each group of coupled shells, of its system.
+    """One model for each group of coupled shells, from its system.
 
     Parameters
     ----------
@@ -203,7 +203,7 @@ def models(scene: Scene, shells: dict[str, ShellContext], systems: dict[str, Sys
 
 
 def terms_of(scene: Scene, context: ShellContext) -> list[Any]:
-    """What the scene's effects make for one shell."""
+    """Terms that the effects of the scene make for one shell."""
 
     def make(effect: Effect, parameters: Any, key: Key) -> list[Any]:
         target = getattr(parameters, "object", None)
@@ -227,14 +227,14 @@ def terms_of(scene: Scene, context: ShellContext) -> list[Any]:
         return terms
 
     context.terms.clear()
-    # elastic terms first, which damping needs; handles last, which must not share vertices with pins
+    # damping needs the elastic terms; attach and handle check that they do not share vertices with pins
     ranks = {"stretching": 0, "bending": 0, "attach": 2, "rigid": 2, "handle": 3}
     ordered = sorted(scene.effects, key=lambda entry: ranks.get(entry[0].name, 1))
     return [term for terms in replace(scene, effects=tuple(ordered)).build(make) for term in terms]
 
 
 def _with_name(term: Any, effect: Effect, parameters: Any, key: Key) -> Any:
-    """Pins and handles with the name of their reaction force: their own, or that of the effect."""
+    """A pin or handle with the name of its reaction force (that of the section, else of the effect)."""
     if not isinstance(term, FixedCoordinates | PrescribedMotion):
         return term
     default = effect.name if len(key) < 3 else f"{effect.name}_{key[2]}"
@@ -242,7 +242,7 @@ def _with_name(term: Any, effect: Effect, parameters: Any, key: Key) -> Any:
 
 
 def _ramped(terms: list[Any], time: Any) -> list[Any]:
-    """Loads without a ramp grow with time where the scene has load steps."""
+    """Terms in which loads without a ramp grow with time, if the scene has load steps."""
     if getattr(time, "load_steps", 1) == 1:
         return terms
     times, factors = np.array([0.0, time.duration]), np.array([0.0, 1.0])
@@ -255,7 +255,7 @@ def _ramped(terms: list[Any], time: Any) -> list[Any]:
 
 
 def _with_ramp(term: Any, ramps: dict[int, Any]) -> Any:
-    """A memory whose potential has become a ramp, with that ramp; anything else as it is."""
+    """The memory of a potential that was replaced by a ramp, with that ramp; any other term unchanged."""
     if not isinstance(term, Memory) or id(term.potential) not in ramps:
         return term
     memory: Any = term
@@ -263,12 +263,12 @@ def _with_ramp(term: Any, ramps: dict[int, Any]) -> Any:
 
 
 def make_system(scene: Scene, context: ShellContext, account: Account) -> System:
-    """Masses of a shell and what the scene's effects make for it."""
+    """System of one shell: its masses, and the terms of the effects of the scene."""
     return System(context.mass, _own_terms(scene, context), account, np.asarray(context.mesh.points))
 
 
 def _group_system(scene: Scene, group: Group, account: Account) -> System:
-    """Masses of the shells of a group and what the scene's effects make for and between them."""
+    """System of a group of shells: their masses, their own terms, and those that couple them."""
     if len(group.shells) == 1:
         return make_system(scene, next(iter(group.shells.values())), account)
     from ddgcli.mechanics.embedding import Rows, embedded_terms
@@ -288,7 +288,7 @@ def _group_system(scene: Scene, group: Group, account: Account) -> System:
 
 
 def _own_terms(scene: Scene, context: ShellContext) -> list[Any]:
-    """Terms of one shell alone."""
+    """Terms of one shell, without those that couple it to others."""
     if getattr(scene.time, "arc_length", None) and scene.time.load_steps == 1:
         scene.refuse(("time", "arc_length"), "arc_length needs load_steps, the most steps along the path")
     terms = _ramped(terms_of(scene, context), scene.time)
@@ -314,7 +314,7 @@ def _moves_nothing(term: Any, fixed: NDArray) -> bool:
 
 
 def _require_face_arrays(scene: Scene, context: ShellContext) -> None:
-    """Refuse names of arrays on faces that the models of the scene do not have."""
+    """Raise an error for face arrays that the models of stretching and bending do not have."""
     elastic = [term for term in context.elastic if isinstance(term, TensorPotential)]
     strains = any(term.green_strain is not None for term in elastic)
     moments = any(term.moment_tensor is not None for term in elastic)

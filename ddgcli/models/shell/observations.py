@@ -1,4 +1,4 @@
-"""What a shell reports at a frame: positions, velocities, strains, energies, momenta, reaction forces."""
+"""Observations of shells for a frame: positions, velocities, strains, energies, momenta, reaction forces."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ddgcli.simulation.model import Observation
 
 
 def observed(group: Group, system: System, step_size: float, motion: Motion) -> dict[str, Observation]:
-    """Observation of each shell of a group, with the measures, reactions and contact forces of the group.
+    """Observation of each shell of a group; the first one has the scalars of the group.
 
     Parameters
     ----------
@@ -50,23 +50,23 @@ def observed(group: Group, system: System, step_size: float, motion: Motion) -> 
 def _observations(
     group: Group, motion: Motion, scalars: dict[str, Any], system: System
 ) -> dict[str, Observation]:
-    """Observation of each shell of a group; the first has the scalars of the group."""
+    """Observations from the motion and the scalars of a group."""
     x, v = group.split(motion.x), group.split(motion.v)
     return {
         name: Observation(
             x[name],
             {"velocity": v[name], "strain": strain(context, x[name])},
             scalars if k == 0 else {},
-            place,
+            shell_index,
             face=_on_faces(group, name, system, x[name]),
             n_faces=context.mesh.n_faces,
         )
-        for k, ((name, context), place) in enumerate(zip(group.shells.items(), group.places))
+        for k, ((name, context), shell_index) in enumerate(zip(group.shells.items(), group.shell_indices))
     }
 
 
 def _on_faces(group: Group, name: str, system: System, x: NDArray) -> dict[str, NDArray]:
-    """The arrays on faces that the scene names."""
+    """The face arrays that the section of the shell requests."""
     context = group.shells[name]
     if not context.shell.face_arrays:
         return {}
@@ -94,7 +94,7 @@ def strain(context: ShellContext, x: NDArray) -> NDArray[np.float64]:
 
 @np.errstate(over="ignore", invalid="ignore")
 def measures(system: System, motion: Motion) -> dict[str, Any]:
-    """Energies by effect, momenta, iterations; infinite above the floating-point range."""
+    """Energies by effect, momenta and iterations; infinite on overflow."""
     momentum = system.mass[:, None] * motion.v
     energies = {f"energy_{name}": value for name, value in system.energies(motion.x).items()}
     kinetic = 0.5 * float(np.sum(momentum * motion.v))

@@ -70,6 +70,6 @@ class Obstacle(ObjectSection):
 
     @property
     def moving(self) -> bool:
-        """Whether it ever moves."""
+        """Whether the obstacle ever moves."""
         steady = (self.velocity or (0.0,)), (self.angular_velocity or (0.0,))
         return self.times is not None or any(any(v) for v in steady)

@@ -33,15 +33,15 @@ class SteadyMotion:
 
 @dataclass(frozen=True, eq=False)
 class PlacedMotion:
-    """Motion of an obstacle from the coordinates in which its shape is written.
+    """Motion of an obstacle whose shape has coordinates of its own, those of its section or mesh file.
 
     Parameters
     ----------
     rotation : (3, 3) ndarray
     shift : (3,) ndarray
-        Place the shape at the start.
+        Rotation and translation that place the shape at the start.
     motion : RigidKeyFrames or SteadyMotion, optional
-        Moves the placed shape.
+        Motion of the placed shape; by default it rests.
     """
 
     rotation: NDArray[np.float64]
@@ -69,7 +69,7 @@ class PlacedMotion:
 
 
 def surface_of(obstacle: Obstacle) -> Surface:
-    """Closed-form surface of an obstacle that has one, as written in the scene.
+    """Surface with a closed-form distance of a plane, sphere, box or cylinder, before it is placed.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def motion_of(obstacle: Obstacle, middle: NDArray) -> PlacedMotion:
     ----------
     obstacle : Obstacle
     middle : (3,) ndarray
-        Its middle in the coordinates as written, about which it turns by default.
+        Middle of the shape in its own coordinates: the default centre of rotation.
 
     Returns
     -------
@@ -124,7 +124,7 @@ def motion_of(obstacle: Obstacle, middle: NDArray) -> PlacedMotion:
 
 
 def middle_of(obstacle: Obstacle) -> NDArray[np.float64]:
-    """Middle of a closed-form obstacle as written in the scene: of a plane, its point.
+    """Middle of a plane (its point), sphere, box or cylinder, before it is placed.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ def middle_of(obstacle: Obstacle) -> NDArray[np.float64]:
 
 
 def displacement_row(obstacle: Obstacle, middle: NDArray, time: float) -> NDArray[np.float64]:
-    """Rigid motion that takes an obstacle from its start to a time.
+    """Rigid displacement of an obstacle between the start and a given time.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
-"""Contact between triangle meshes by vertex-face and edge-edge pairs, through the library `ipctk`.
+"""Contact between triangle meshes by vertex-face and edge-edge pairs, with the library `ipctk`.
 
 Barrier and friction potentials, distances and continuous collision detection are those of [Li et al.,
-"Incremental potential contact", 2020]; the weights of the pairs those of [Li et al., "Convergent incremental
+"Incremental potential contact", 2020]. The pairs have the weights of [Li et al., "Convergent incremental
 potential contact", 2023], so that the pressure does not depend on the mesh.
 """
 
@@ -25,17 +25,17 @@ from ddgcli.mechanics.terms import (
 )
 from ddgcli.mesh.vectors import row_dot
 from ddgcli.models.shell.barrier import carry_weight
-from ddgcli.models.shell.near_pairs import REACH, NearPairs, spread
+from ddgcli.models.shell.near_pairs import REACH, NearPairs, largest_relative_move
 from ddgcli.models.shell.obstacle_motion import PlacedMotion
 
 INSTALL_LINE = "pip install 'ddgcli[contact]'"
-# pressure of two parallel sheets half the range apart, in units of the stiffness; measured: 6.9 to 7.4
+# pressure between two parallel sheets half the range apart, over the stiffness; measured: 6.9 to 7.4
 HALF_RANGE_PRESSURE = 7.0
-CCD_FRACTION = 0.9  # of the way to an impact that a step may go
+CCD_FRACTION = 0.9  # fraction of the distance to an impact that a step may take
 
 
 def ipctk() -> Any:
-    """The library, single-threaded: the same numbers in every run.
+    """Import `ipctk` and make it single-threaded, so that every run gives the same numbers.
 
     Returns
     -------
@@ -44,7 +44,7 @@ def ipctk() -> Any:
     Raises
     ------
     ValueError
-        It is not installed.
+        If it is not installed.
     """
     try:
         library = importlib.import_module("ipctk")
@@ -57,23 +57,23 @@ def ipctk() -> Any:
 
 
 class PairMesh:
-    """Surfaces that may touch: rows of a system, and those of an obstacle behind them.
+    """Surfaces that may touch: vertices of a system, followed by those of an obstacle.
 
     Parameters
     ----------
     rows : (k,) ndarray
-        Vertices of the system.
+        Indices of the vertices in the system.
     rest : (k + b, 3) ndarray
-        Positions at the start, of obstacle vertices in the coordinates of their motion.
+        Positions at the start; those of an obstacle in the coordinates of its motion.
     edges, faces : (e, 2), (m, 3) ndarray
-    patches : (k + b,) ndarray of int, optional
-        Vertices of one patch do not meet each other; by default all may meet.
-    motion : PlacedMotion, optional
-        Of the obstacle.
     labels : list of (str, int, int)
         Name of each object, its first vertex and its first face, for messages.
+    patches : (k + b,) ndarray of int, optional
+        Patch of each vertex; contact within a patch is ignored. By default none is.
+    motion : PlacedMotion, optional
+        Motion of the obstacle.
     scales : (k + b,) ndarray of float64, optional
-        Factors of the lengths around each vertex by which pairs are weighted; by default 1.
+        Factor at each vertex on the lengths from which the weights of pairs are computed; by default 1.
     """
 
     def __init__(
@@ -90,7 +90,7 @@ class PairMesh:
         library = ipctk()
         self.rows, self.rest, self.motion, self.labels = rows, rest, motion, labels
         self.edges, self.faces = (np.asfortranarray(a.astype(np.int32)) for a in (edges, faces))
-        area_points = rest if scales is None else scales[:, None] * rest  # pairs are weighted by its areas
+        area_points = rest if scales is None else scales[:, None] * rest  # its areas are the weights of pairs
         self.mesh = library.CollisionMesh(np.asfortranarray(area_points), self.edges, self.faces)
         self.filter = None
         if patches is not None:
@@ -100,11 +100,11 @@ class PairMesh:
         self._near: NearPairs | None = None
 
     def joined(self, x: NDArray, time: float) -> NDArray[np.float64]:
-        """Positions of all vertices, x those of the system."""
+        """Positions of all vertices, from those x of the system."""
         return self._with(x[self.rows], lambda pose, points: pose.points(points), time)
 
     def joined_velocities(self, v: NDArray, time: float) -> NDArray[np.float64]:
-        """Velocities of all vertices, v those of the system."""
+        """Velocities of all vertices, from those v of the system."""
         return self._with(v[self.rows], lambda pose, points: pose.velocities(pose.points(points)), time)
 
     def _with(self, own: NDArray, of_obstacle: Any, time: float) -> NDArray[np.float64]:
@@ -113,46 +113,46 @@ class PairMesh:
         obstacle = of_obstacle(self.motion.pose(time), self.rest[len(self.rows) :])
         return np.asfortranarray(np.concatenate([own, obstacle]))
 
-    def spread(self, gradient: NDArray, n: int) -> NDArray[np.float64]:
+    def scatter(self, gradient: NDArray, n: int) -> NDArray[np.float64]:
         """(n, 3) gradient over the system from that over the pair mesh."""
         total = np.zeros((n, 3))
         total[self.rows] = gradient.reshape(-1, 3)[: len(self.rows)]
         return total
 
-    def spread_matrix(self, hessian: Any, n: int) -> csc_array:
+    def scatter_matrix(self, hessian: Any, n: int) -> csc_array:
         """(3n, 3n) matrix over the system from that over the pair mesh."""
         count = 3 * len(self.rest)
         if n not in self._select:
             same = len(self.rows) == len(self.rest) == n and bool((self.rows == np.arange(n)).all())
-            place = (3 * self.rows[:, None] + np.arange(3)).ravel()
-            ones = (np.ones(len(place)), (place, np.arange(len(place))))
+            coordinate = (3 * self.rows[:, None] + np.arange(3)).ravel()
+            ones = (np.ones(len(coordinate)), (coordinate, np.arange(len(coordinate))))
             self._select[n] = None if same else csr_array(ones, shape=(3 * n, count))
         select = self._select[n]
         matrix = csc_array(hessian)
         return matrix if select is None else csc_array(select @ matrix @ select.T)
 
     def near(self, gap: float, *positions: NDArray) -> NearPairs:
-        """Pairs that come nearer than `gap` at these positions and on straight ways between them, and others.
+        """Superset of the pairs nearer than `gap` at these positions and on straight paths between them.
 
         All positions are within the reach of the first.
         """
         near = self._near
-        if near is None or near.gap != gap or not near.hold(*positions):
+        if near is None or near.gap != gap or not near.cover(*positions):
             near = self._near = NearPairs(self.mesh, self.edges, self.faces, positions[0], gap)
         return near
 
     def begin_step(self) -> None:
-        """Discard the pairs: what follows does not depend on earlier steps."""
+        """Discard the cached pairs, so that a step does not depend on earlier ones."""
         self._near = None
 
-    def free_part(self, before: NDArray, after: NDArray, gap: float) -> float:
-        """Part of a straight move of all vertices until which nothing meets; 1.0 where nothing meets.
+    def collision_free_fraction(self, before: NDArray, after: NDArray, gap: float) -> float:
+        """Largest fraction of a straight move of all vertices without a collision; 1.0 if there is none.
 
-        A short move is measured against the pairs that come nearer than `gap`: a pair that shortens it ends
-        at a tenth of a distance of at most twice the move.
+        For a short move, only pairs nearer than `gap` can shorten it: CCD_FRACTION leaves a tenth of the
+        distance of a pair, which is at most twice the move.
         """
         library = ipctk()
-        if spread(after - before) <= REACH * gap:
+        if largest_relative_move(after - before) <= REACH * gap:
             candidates = self.near(gap, before, after).candidates
         else:
             candidates = library.Candidates()
@@ -166,7 +166,7 @@ class PairMesh:
         )
 
     def intersection(self, positions: NDArray) -> str:
-        """The first edge and face that intersect, in words, or ""."""
+        """Message that names the first edge and face that intersect, or ""."""
         library = ipctk()
         if not library.has_intersections(self.mesh, positions):
             return ""
@@ -202,17 +202,17 @@ class PairBarrier(BarrierPotential):
     ----------
     mesh : PairMesh
     gap : float
-        m.
+        In m.
     pressure : float
-        Pa between parallel sheets half the gap apart.
+        Pressure in Pa between parallel sheets half the gap apart.
     obstacle : str
-        Name, "" for shell against shell.
+        Name of the obstacle; "" for contact between shells.
     time : float
-        s, of the pose of a moving obstacle.
+        Time in s of the pose of a moving obstacle.
     """
 
     name = "contact"
-    stencil = NO_ELEMENTS  # the pairs change, so the Hessian comes as a whole
+    stencil = NO_ELEMENTS  # the pairs change, so `hessian` returns the whole matrix
 
     def __init__(
         self, mesh: PairMesh, gap: float, pressure: float, obstacle: str = "", time: float = 0.0
@@ -234,7 +234,7 @@ class PairBarrier(BarrierPotential):
         return pairs, positions
 
     def begin_step(self) -> None:
-        """Search the near pairs again: a resumed run has the same bits."""
+        """Discard cached pairs, so that a resumed run gives the same bits."""
         self.__dict__.pop("_last_near", None)
         self.mesh.begin_step()
 
@@ -246,39 +246,39 @@ class PairBarrier(BarrierPotential):
         pairs, positions = self.near(x)
         if not len(pairs):
             return np.zeros_like(x)
-        return self.mesh.spread(self.potential.gradient(pairs, self.mesh.mesh, positions), len(x))
+        return self.mesh.scatter(self.potential.gradient(pairs, self.mesh.mesh, positions), len(x))
 
     def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
         return np.zeros((0, 3, 3))
 
     def hessian(self, x: NDArray, mode: Mode) -> csc_array | None:
-        """(3n, 3n) Hessian, None where nothing is near."""
+        """(3n, 3n) Hessian; None without near pairs."""
         pairs, positions = self.near(x)
         if not len(pairs) or mode == "material":
             return None
         method = _projection(mode)
-        return self.mesh.spread_matrix(
+        return self.mesh.scatter_matrix(
             self.potential.hessian(pairs, self.mesh.mesh, positions, method), len(x)
         )
 
-    def longest(self, x: NDArray, move: NDArray) -> float:
+    def collision_free_fraction(self, x: NDArray, move: NDArray) -> float:
         before, after = self.mesh.joined(x, self.time), self.mesh.joined(x + move, self.time)
         if not np.isfinite(after).all():
             return 0.0
-        return self.mesh.free_part(before, after, self.range)
+        return self.mesh.collision_free_fraction(before, after, self.range)
 
     def outside(self, x: NDArray) -> tuple[int, float] | None:
-        """Whether surfaces intersect: some vertex, no gap."""
+        """Some vertex, with gap nan, if surfaces intersect."""
         if ipctk().has_intersections(self.mesh.mesh, self.mesh.joined(x, self.time)):
             return int(self.mesh.rows[0]), float("nan")
         return None
 
     def crosses(self, before: NDArray, after: NDArray) -> bool:
-        """Whether surfaces meet on the straight way."""
-        return self.longest(before, after - before) < 1.0
+        """Whether surfaces collide along the straight path."""
+        return self.collision_free_fraction(before, after - before) < 1.0
 
-    def stiffest(self, x: NDArray) -> NDArray[np.float64]:
-        """Zeros: explicit schemes do without these pairs."""
+    def expected_stiffness(self, x: NDArray) -> NDArray[np.float64]:
+        """Zero: pairs are an error with explicit schemes."""
         return np.zeros(1)
 
 
@@ -291,14 +291,14 @@ class MovingPairBarrier(PairBarrier):
         return MovingPairBarrier(self.mesh, self.range, self.pressure, self.obstacle, time)
 
     def travel_work(self, x: NDArray, before: TimedPositions, after: TimedPositions) -> float:
-        """Joules that the obstacle adds between two times by its travel, with the force at x."""
+        """Energy in J that the obstacle adds between two times by its travel, with the force at x."""
         motion: Any = self.mesh.motion
         return -float(np.vdot(self.gradient(x), motion.travel(before, after)))
 
     def carried(self, x: NDArray, since: float) -> NDArray[np.float64] | None:
-        """Positions x of an earlier time, with those near the obstacle carried along until now.
+        """Positions x of an earlier time, with those near the obstacle moved along with it until now.
 
-        None where surfaces would meet on the way.
+        None if surfaces would collide along the path.
         """
         mesh, rows = self.mesh, self.mesh.rows
         before = mesh.joined(x, since)
@@ -312,11 +312,11 @@ class MovingPairBarrier(PairBarrier):
         moved = x.copy()
         moved[rows] += weight[:, None] * travel
         after = mesh.joined(moved, self.time)
-        return moved if mesh.free_part(before, after, self.range) == 1.0 else None
+        return moved if mesh.collision_free_fraction(before, after, self.range) == 1.0 else None
 
 
 class PairFriction(Dissipation):
-    """Coulomb friction of a pair barrier: normal forces and planes are those where it is frozen."""
+    """Coulomb friction of a pair barrier, with the normal forces and planes at which it is frozen."""
 
     name = "contact"
 
@@ -344,14 +344,14 @@ class MovingPairFriction(PairFriction):
         return MovingPairFriction(self.barrier.at(time), self.coefficient, self.slip)
 
     def lagged(self, time: float) -> MovingPairFriction:
-        """The friction whose normal forces are those of an earlier time."""
+        """The friction with the normal forces of an earlier time."""
         friction = self.at(time)
         friction.wall_time = self.wall_time
         return friction
 
 
 class PairSliding(Potential):
-    """Dissipation of sliding pairs as a potential of the velocities; bounded by the friction force."""
+    """Friction of pairs as a potential of the velocities."""
 
     name = "contact"
     stencil = NO_ELEMENTS
@@ -370,7 +370,7 @@ class PairSliding(Potential):
     def gradient(self, x: NDArray) -> NDArray[np.float64]:
         if not len(self.pairs):
             return np.zeros_like(x)
-        return self.mesh.spread(
+        return self.mesh.scatter(
             self.potential.gradient(self.pairs, self.mesh.mesh, self._velocities(x)), len(x)
         )
 
@@ -378,11 +378,11 @@ class PairSliding(Potential):
         return np.zeros((0, 3, 3))
 
     def hessian(self, x: NDArray, mode: Mode) -> csc_array | None:
-        """(3n, 3n) Hessian, None where nothing is near."""
+        """(3n, 3n) Hessian; None without pairs."""
         if not len(self.pairs):
             return None
         matrix = self.potential.hessian(self.pairs, self.mesh.mesh, self._velocities(x), _projection(mode))
-        return self.mesh.spread_matrix(matrix, len(x))
+        return self.mesh.scatter_matrix(matrix, len(x))
 
 
 def _projection(mode: Mode) -> Any:

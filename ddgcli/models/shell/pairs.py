@@ -1,4 +1,4 @@
-"""Pair meshes of the effect `contact`: shell against mesh obstacle, itself, another shell."""
+"""Contact by pairs for the effect `contact`: of a shell with a mesh obstacle, itself, or another shell."""
 
 from __future__ import annotations
 
@@ -33,9 +33,10 @@ from ddgcli.models.shell.pair_contact import (
     ipctk,
 )
 
-MAX_SIDE_RATIO = 1.5  # of the sides of an obstacle, which is refined, over the shell's
-MAX_OBSTACLE_FACES = 20_000  # up to which it is refined: each search for pairs visits all faces
-SELF_GAP_FRACTION = 0.5  # of the least distance at the start between parts that are not adjacent
+MAX_SIDE_RATIO = 1.5  # ratio of sides of an obstacle and of the shell above which the obstacle is refined
+MAX_OBSTACLE_FACES = 20_000  # limit of this refinement, because each search for pairs visits all faces
+# gap of a shell with itself, over the least distance at the start between parts that are not adjacent
+SELF_GAP_FRACTION = 0.5
 log = logging.getLogger("ddgcli")
 
 
@@ -45,7 +46,7 @@ def obstacle_pairs(parameters: Any, context: ShellContext, obstacle: Obstacle) -
     Parameters
     ----------
     parameters : object
-        Of the effect `contact`.
+        Section of the effect `contact`.
     context : ShellContext
     obstacle : Obstacle
 
@@ -86,11 +87,12 @@ def _mean_side(mesh: TriangleMesh) -> float:
 
 
 def _fine_obstacle(context: ShellContext, solid: TriangleMesh) -> tuple[TriangleMesh, float]:
-    """An obstacle with sides about as short as those of a shell, and a factor of its lengths that does.
+    """An obstacle refined to sides about as short as those of a shell, and a factor for its weights.
 
-    The weight of a pair is the area around both of its elements: along an edge that is a hundred times as
-    long as the shell's it would be ten thousand times too large, and within its face a sixth. The factor is
-    below 1 where sides so short would be too many.
+    The weight of a pair is the area around its two elements: if the edges of the obstacle are a hundred times
+    as long as those of the shell, it is ten thousand times too large along its edges, and a sixth of what it
+    should be within its faces. The factor replaces refinement where this would give too many faces; it is 1
+    if the sides are short enough.
     """
     longest = MAX_SIDE_RATIO * _mean_side(context.mesh)
     size = max(longest, 2.0 * float(np.sqrt(face_area(solid.side_length).sum() / MAX_OBSTACLE_FACES)))
@@ -100,7 +102,7 @@ def _fine_obstacle(context: ShellContext, solid: TriangleMesh) -> tuple[Triangle
 
 
 def _obstacle_mesh(context: ShellContext, obstacle: Obstacle) -> TriangleMesh:
-    """Triangles of an obstacle, in the coordinates of its motion."""
+    """Triangle mesh of an obstacle, in the coordinates of its motion."""
     if obstacle.box is not None:
         solid = box(1, 1, 1, obstacle.box.size)
         return solid.moved_unchecked(np.asarray(solid.points) + np.array(obstacle.box.corner))
@@ -109,12 +111,12 @@ def _obstacle_mesh(context: ShellContext, obstacle: Obstacle) -> TriangleMesh:
 
 
 def self_pairs(parameters: Any, context: ShellContext) -> list[Any]:
-    """Barrier and friction of a shell with itself; gap and stiffness are those of the whole shell.
+    """Barrier and friction of a shell with itself; gap and stiffness are those of the unbroken shell.
 
     Parameters
     ----------
     parameters : object
-        Of the effect `contact`.
+        Section of the effect `contact`.
     context : ShellContext
 
     Returns
@@ -140,13 +142,13 @@ def self_pairs(parameters: Any, context: ShellContext) -> list[Any]:
 
 
 def _may_break(context: ShellContext) -> bool:
-    """Whether an effect `fracture` is about this shell."""
+    """Whether an effect `fracture` applies to this shell."""
     fractures = [section for effect, section, _ in context.scene.effects if effect.name == "fracture"]
     return any(section.object in (None, context.shell.name) for section in fractures)
 
 
 def _gap_of_pieces(gap: float, largest: float, name: str) -> float:
-    """The gap of a shell that may break, at most `largest`, with a warning where that is less."""
+    """The gap of a shell that may break, limited to `largest`, with a warning if this makes it smaller."""
     if gap > largest:
         log.warning(
             "contact: the gap of %s with itself is %.3g m, not %.3g m: pieces may be single faces, and the "
@@ -159,14 +161,14 @@ def _gap_of_pieces(gap: float, largest: float, name: str) -> float:
 def shell_pairs(
     parameters: Any, contexts: dict[str, tuple[ShellContext, NDArray]], pair: list[str]
 ) -> list[Any]:
-    """Barrier and friction between two shells, over the rows of their group.
+    """Barrier and friction between two shells of a group.
 
     Parameters
     ----------
     parameters : object
-        Of the effect `contact`.
+        Section of the effect `contact`.
     contexts : dict of str to (ShellContext, (n,) ndarray)
-        With the rows of each shell.
+        Context of each shell, and indices of its vertices in the group.
     pair : list of two str
 
     Returns
@@ -188,7 +190,7 @@ def shell_pairs(
 
 
 def _scales_of(a: TriangleMesh, b: TriangleMesh) -> NDArray[np.float64]:
-    """Factors of the lengths of two shells at their vertices: the coarser weighs pairs as the finer does."""
+    """Factors on the lengths of two shells, so that the coarser one weighs pairs like the finer one."""
     ratio = MAX_SIDE_RATIO * _mean_side(a) / _mean_side(b)
     factors = [min(1.0, MAX_SIDE_RATIO**2 / ratio), min(1.0, ratio)]
     return np.repeat(factors, [a.n_vertices, b.n_vertices])
@@ -201,7 +203,7 @@ def _gap_and_pressure(
     obstacle: str,
     velocity: Any = (0.0, 0.0, 0.0),
 ) -> tuple[float, float]:
-    """Gap in m, and pressure in Pa at half of it; ValueError where surfaces intersect at the start."""
+    """Gap in m, and pressure in Pa at half the gap; ValueError if surfaces intersect at the start."""
     _require_implicit(contexts[0])
     start = mesh.joined(_start(contexts, mesh), 0.0)
     intersection = mesh.intersection(start)
@@ -231,7 +233,7 @@ def _terms(
 
 
 def _start(contexts: list[ShellContext], mesh: PairMesh) -> NDArray[np.float64]:
-    """Positions over the system's rows, as far as this pair mesh reads them."""
+    """Initial positions of the vertices of a system, up to the last one that the pair mesh uses."""
     points = np.concatenate([np.asarray(context.mesh.points) for context in contexts])
     x = np.zeros((int(mesh.rows.max()) + 1, 3))
     x[mesh.rows] = points
@@ -249,7 +251,7 @@ def _require_implicit(context: ShellContext) -> None:
 
 
 def _admissible_gap(mesh: PairMesh, start: NDArray, gap: float, alone: bool) -> float:
-    """The gap, less where a shell's own parts are nearer at the start: they must rest without contact."""
+    """The gap, reduced if parts of one shell are nearer at the start: they must start without contact."""
     library = ipctk()
     pairs = library.NormalCollisions()
     pairs.build(mesh.mesh, start, gap, 0.0, library.LBVH())
@@ -285,7 +287,7 @@ def _names(mesh: PairMesh) -> str:
 
 
 def _impact(contexts: list[ShellContext], mesh: PairMesh, start: NDArray, velocity: NDArray) -> float:
-    """Energy per mass of the first fall, with the initial velocities; of one shell, through its extent."""
+    """Energy per mass of the first fall, in J/kg; the height of self-contact is the extent of the shell."""
     speeds = [np.array(context.shell.velocity) - velocity for context in contexts]
     kinetic = 0.5 * max(float(v @ v) for v in speeds)
     if len(contexts) == 2:

@@ -18,7 +18,7 @@ from ddgcli.scenes.sections import Section
 from ddgcli.scenes.units import vector
 from ddgcli.simulation.effects import Effect
 
-# mean square of the fixed components of the normals, below which a clamp does not hold them
+# mean square of the normal components along held axes, below which a clamp leaves the normals free
 MIN_FIXED_NORMAL = 0.5
 
 
@@ -48,9 +48,9 @@ class Pin(Section):
 
 def build(parameters: Pin, context: ShellContext) -> list[FixedCoordinates]:
     vertices = context.selection(parameters.vertices, parameters.box, ("effects", "pin"))
-    # mid-edge bending has found the edges between the vertices and holds their directions
-    directions = any(term.couples is not None for term in context.terms.get("bending", []))
-    if parameters.clamp and not directions:
+    # mid-edge bending itself clamps the directors of the edges between the vertices
+    clamps_directors = any(term.couples is not None for term in context.terms.get("bending", []))
+    if parameters.clamp and not clamps_directors:
         incident = np.flatnonzero(np.isin(context.mesh.faces, vertices).any(axis=1))
         vertices = unique_keys(np.concatenate([vertices, context.mesh.faces[incident].ravel()]))
         _warn_of_free_direction(parameters, context, incident)
@@ -61,7 +61,7 @@ def build(parameters: Pin, context: ShellContext) -> list[FixedCoordinates]:
 
 
 def _warn_of_free_direction(parameters: Pin, context: ShellContext, incident: NDArray) -> None:
-    """Faces turn as they like where their vertices may move along the normals: on a plane of symmetry."""
+    """Warn if vertices can move along the normals, as on a symmetry plane: faces then rotate freely."""
     normal = face_normal(context.mesh)[incident][:, ["xyz".index(axis) for axis in parameters.axes]]
     if context.terms.get("bending") and np.sum(normal**2) < MIN_FIXED_NORMAL * len(incident):
         logging.getLogger("ddgcli").warning(

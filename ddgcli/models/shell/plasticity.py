@@ -17,7 +17,7 @@ from ddgcli.scenes.sections import Section
 from ddgcli.scenes.units import quantity
 from ddgcli.simulation.effects import Effect
 
-PATH_FRACTION = 1e-3  # of a plastic increment, over which the stress counts as constant
+PATH_FRACTION = 1e-3  # difference step for the stress, over a plastic increment
 
 
 class Plasticity(Section):
@@ -38,11 +38,10 @@ class Plasticity(Section):
 
 
 class PlasticFlow(PlasticMemory):
-    """Radial return of one elastic potential with linear hardening.
+    """Plastic flow of one elastic potential: radial return mapping with linear hardening.
 
-    The memory holds the rest state and the plastic strain that each element has accumulated. An elastic
-    strain e beyond the limit L = yield + hardening * accumulated leaves the plastic increment
-    (e - L) / (1 + hardening).
+    The memory has the rest state and the accumulated plastic strain of each element. An elastic strain e
+    above the limit L = yield + hardening * accumulated gives the plastic increment (e - L) / (1 + hardening).
     """
 
     effect = "plasticity"
@@ -56,7 +55,7 @@ class PlasticFlow(PlasticMemory):
         return {"rest": rest, "accumulated": np.zeros(len(rest)), "work": np.zeros(1)}
 
     def commit(self, x: NDArray, memory: Arrays) -> Arrays:
-        """The memory after a step that ends at x; the same object where nothing yields."""
+        """The memory after a step that ends at x; the same object if nothing yields."""
         strain = self.strain(x, memory["rest"])
         increment = (strain - self.limit - self.hardening * memory["accumulated"]) / (1 + self.hardening)
         if not (increment > 0).any():
@@ -74,7 +73,7 @@ class PlasticFlow(PlasticMemory):
     def quasi_static(self, x: NDArray, before: Arrays, after: Arrays) -> Arrays:
         """`after` with the work of a slow path from `before` to x: mean stress times plastic strain."""
         limits = [self.limit + self.hardening * memory["accumulated"] for memory in (before, after)]
-        mean = 0.5 * (limits[0] + limits[1]) / limits[1]  # of the stress, over that of the end
+        mean = 0.5 * (limits[0] + limits[1]) / limits[1]  # mean stress over the stress at the end
         back = (before["rest"] - after["rest"]) * mean.reshape(-1, *[1] * (after["rest"].ndim - 1))
 
         def energy(fraction: float) -> float:
@@ -89,7 +88,7 @@ class PlasticFlow(PlasticMemory):
         Parameters
         ----------
         rows : (n,) ndarray of int
-            Vertex before the crack that each vertex was.
+            Index before the crack of each vertex.
         """
         own = self._elements(before, rows)
         return {
@@ -99,7 +98,7 @@ class PlasticFlow(PlasticMemory):
         }
 
     def _elements(self, before: PlasticFlow, rows: NDArray) -> NDArray[np.int64]:
-        """Element before a crack that each element was: the one with the same edge."""
+        """Index before a crack of each element: that of the element with the same edge."""
 
         def keys(edges: NDArray) -> NDArray[np.int64]:
             low, high = np.sort(edges[:, :2], axis=1).T
@@ -123,7 +122,7 @@ class PlasticFlow(PlasticMemory):
 
 
 class HingeFlow(PlasticFlow):
-    """The rest angle of a hinge yields."""
+    """Plastic flow of the rest angles of hinges."""
 
     def _change(self, x: NDArray, rest: NDArray) -> NDArray[np.float64]:
         from ddgcli.geometry.hinges import hinge_frame
@@ -142,7 +141,7 @@ class HingeFlow(PlasticFlow):
 
 
 class EdgeFlow(PlasticFlow):
-    """The rest length of an edge yields."""
+    """Plastic flow of the rest lengths of edges."""
 
     def _strain(self, x: NDArray, rest: NDArray) -> tuple[NDArray, NDArray]:
         length = self.potential.lengths(x)
@@ -160,11 +159,11 @@ class EdgeFlow(PlasticFlow):
 
 
 class MembraneFlow(PlasticFlow):
-    """The rest metric of a face yields: it moves along the straight line to the metric of the face.
+    """Plastic flow of the rest metrics of faces, along the straight line to the current metric.
 
-    The metrics are (m, 2, 2), in the orthonormal frame of the face as drawn. On that line every principal
-    strain shrinks, so the energy falls. The area of the rest state stays that of the drawn face: plastic flow
-    keeps the volume of the material.
+    The metrics are (m, 2, 2), in the orthonormal frame of the face in the input. Along that line every
+    principal strain shrinks, so the energy decreases. Elastic energies are still integrated over the area of
+    the face in the input, because plastic flow preserves the volume of the material.
     """
 
     def rest(self) -> NDArray[np.float64]:
@@ -178,7 +177,7 @@ class MembraneFlow(PlasticFlow):
 
     def at(self, memory: Arrays) -> Potential:
         p, root = self.potential, _inverse_root(memory["rest"])
-        eye = np.eye(2)  # the rest metric differs from it by rounding
+        eye = np.eye(2)  # equal to the rest metric up to rounding
         rest = eye + np.matmul(np.matmul(root.transpose(0, 2, 1), p.rest_metric - eye), root)
         return type(p)(p.stencil, np.matmul(p.basis, root), p.area, p.lam, p.mu, rest)
 
@@ -197,7 +196,7 @@ class MembraneFlow(PlasticFlow):
         return np.abs(self._principal(x, rest)).max(axis=1)
 
     def yielded(self, x: NDArray, rest: NDArray, strain: NDArray, increment: NDArray) -> NDArray[np.float64]:
-        # the part s of the old rest metric turns a principal strain e into s e / (1 + 2 e (1 - s))
+        # with the fraction s of the old rest metric, a principal strain e becomes s e / (1 + 2 e (1 - s))
         principal = self._principal(x, rest)
         bound = np.sign(principal) * (strain - increment)[:, None]
         beyond = np.abs(principal) > np.abs(bound)
@@ -218,7 +217,7 @@ def _inverse_root(metric: NDArray) -> NDArray[np.float64]:
 
 
 def build(parameters: Plasticity, context: ShellContext) -> list[PlasticFlow]:
-    # by name: the modules of effects that the scene does not name are not imported
+    # by class name, so that the modules of effects that the scene does not use are not imported
     kinds: dict[str, tuple[type[PlasticFlow], float | None]] = {
         "HingeBending": (HingeFlow, parameters.yield_angle),
         "EdgeSprings": (EdgeFlow, parameters.yield_strain),

@@ -1,4 +1,8 @@
-"""How far bending by hinges is off that of the plate of the material, by a solve with its stiffness."""
+"""Error of hinge bending relative to the Kirchhoff plate of the material, estimated by one linear solve.
+
+The bending stiffness of hinges depends on the mesh. A twin system has mid-edge bending in place of the
+hinges; comparing deflections, forces, frequencies and buckling loads of the two gives warnings.
+"""
 
 from __future__ import annotations
 
@@ -20,20 +24,22 @@ from ddgcli.simulation.account import Account
 if TYPE_CHECKING:
     from ddgcli.models.shell.midedge import MidedgeBending
 
-WARNING_FACTOR = 1.1  # of deflections, frequencies and loads by hinges over those of the plate, or inverse
-BENT_START = 1e-6  # of the bending energy, that a shell may have at the start
-LEAST_BENDING = 1e-6  # of D / size^2: a shape of less stiffness is a rigid motion
-LEAST_SHIFT = 1e-13  # of the mean stiffness by mass, for motions that pins leave free; fine strips have 1e-9
+WARNING_FACTOR = 1.1  # ratio of the results of hinges and plate, or its inverse, that is a warning
+BENT_START = 1e-6  # ratio of bending energies at the start and at the end above which the start is not flat
+LEAST_BENDING = 1e-6  # stiffness of a shape over D / size^2 below which it is a rigid motion
+# shift over the mean ratio of stiffness and mass, for motions that pins leave free; on fine strips the lowest
+# eigenvalue is 1e-9 of that ratio
+LEAST_SHIFT = 1e-13
 
 
 @dataclass(frozen=True, eq=False)
 class PlateTwin:
-    """Shells with hinges, and the same shells with the plate of the material in their place.
+    """Two systems of the same shells: with hinges, and with the plate of the material instead.
 
     Parameters
     ----------
     hinges, plate : System
-        At the same time.
+        Both systems, at the same time.
     contexts : sequence of (ShellContext, slice)
         The shells and their vertices.
     rigidity : float
@@ -46,21 +52,21 @@ class PlateTwin:
     rigidity: float
 
     def bent_at_start(self, points: NDArray) -> bool:
-        """Whether the hinges had moments at the start, in proportion to their energy at (n, 3) points."""
+        """Whether the bending energy at the start is significant, relative to that at (n, 3) points."""
         bendings = [(_bending(context), context, rows) for context, rows in self.contexts]
         start = sum(term.energy(np.asarray(context.mesh.points)) for term, context, _ in bendings)
         end = sum(term.energy(points[rows]) for term, _, rows in bendings)
         return start > BENT_START * end
 
     def displacements(self, x: NDArray, forces: Sequence[NDArray], shift: float = 0.0) -> list[NDArray]:
-        """(n, 3) displacements of the plate at x by forces (n, 3).
+        """Displacements (n, 3) of the plate from x under each of some forces (n, 3), by linear theory.
 
-        `shift` times the masses (1/s^2) is added to the stiffness.
+        `shift` (1/s^2) times the masses is added to the stiffness.
 
         Raises
         ------
         SolveError
-            The plate is unstable there.
+            If the plate is unstable at x.
         """
         from ddgcli.mechanics.objective import Objective
 
@@ -70,7 +76,7 @@ class PlateTwin:
         matrix = objective.hessian(increment, x, "exact", shift)
         solver = objective.solver(increment)
         solver.factorise(self.plate, matrix, x, objective.columns(x))
-        return [objective.spread(solver.solve(objective.entries(force))) for force in forces]
+        return [objective.scatter(solver.solve(objective.gather(force))) for force in forces]
 
 
 def plate_twin(system: System, contexts: Mapping[str, ShellContext]) -> PlateTwin | None:
@@ -80,12 +86,12 @@ def plate_twin(system: System, contexts: Mapping[str, ShellContext]) -> PlateTwi
     ----------
     system : System
     contexts : mapping of str to ShellContext
-        Its shells, in the order of their vertices.
+        Shells of the system, in the order of their vertices.
 
     Returns
     -------
     PlateTwin or None
-        None where there are no hinges, where no mesh has a plate (needles), or factors do not fit.
+        None without hinges, if needles prevent mid-edge bending, and if factors do not fit into memory.
     """
     ends = np.cumsum([0, *(context.mesh.n_vertices for context in contexts.values())]).tolist()
     plates: dict[int, MidedgeBending] = {}
@@ -105,7 +111,7 @@ def plate_twin(system: System, contexts: Mapping[str, ShellContext]) -> PlateTwi
         return None
     from ddgcli.mechanics.objective import HESSIAN_SOLVER, Objective  # few runs need it
 
-    system.cache.pop(HESSIAN_SOLVER, None)  # factors of the hinges beside those of the plate are memory
+    system.cache.pop(HESSIAN_SOLVER, None)  # frees the factors of the hinges before those of the plate
     terms = [with_plate(term) for term in system.terms]
     twin = System(system.mass, terms, Account(), system.start, system.size).at(system.time)
     if Objective(twin).solver(Increment(0.0, system.start)).by_blocks:
@@ -114,9 +120,9 @@ def plate_twin(system: System, contexts: Mapping[str, ShellContext]) -> PlateTwi
 
 
 def deflection_factor(twin: PlateTwin, points: NDArray) -> float:
-    """Factor of the plate's deflections on those of hinges in equilibrium, as the work of their forces.
+    """Ratio of the deflections of the plate and of the hinges, in equilibrium, weighted by the forces.
 
-    The move of the plate from there to its own equilibrium is computed in linear theory.
+    The displacement of the plate from the equilibrium of the hinges to its own follows from linear theory.
 
     Parameters
     ----------
@@ -127,7 +133,7 @@ def deflection_factor(twin: PlateTwin, points: NDArray) -> float:
     Returns
     -------
     float
-        1 where a shell was bent at the start, and where the plate is unstable.
+        1 if a shell was bent at the start, or if the plate is unstable.
     """
     if twin.bent_at_start(points):
         return 1.0
@@ -135,7 +141,7 @@ def deflection_factor(twin: PlateTwin, points: NDArray) -> float:
     for context, rows in twin.contexts:
         force[rows] = np.sum([term.gradient(points[rows]) for term in context.elastic], axis=0)
     force = twin.hinges.only_free(force)
-    # couples turn: after large rotations their forces have no work along the chord from the start
+    # couples rotate: after large rotations their forces do no work along the chord from the start
     work = max(abs(float(np.vdot(force, points - twin.hinges.start))), 2.0 * _elastic_energy(twin, points))
     move = _to_equilibrium(twin, points)
     if move is None or work <= twin.hinges.rounding.energy():
@@ -144,7 +150,7 @@ def deflection_factor(twin: PlateTwin, points: NDArray) -> float:
 
 
 def force_factor(twin: PlateTwin, points: NDArray) -> float:
-    """Factor of the forces of handles on hinges over those on the plate, as their elastic energies.
+    """Ratio of the handle forces with hinges and with the plate, computed as that of elastic energies.
 
     Parameters
     ----------
@@ -155,7 +161,7 @@ def force_factor(twin: PlateTwin, points: NDArray) -> float:
     Returns
     -------
     float
-        1 without handles, where a shell was bent at the start, and where the plate is unstable.
+        1 without handles, if a shell was bent at the start, or if the plate is unstable.
     """
     if not twin.hinges.prescribed or twin.bent_at_start(points):
         return 1.0
@@ -174,7 +180,7 @@ def _elastic_energy(twin: PlateTwin, points: NDArray) -> float:
 
 
 def _to_equilibrium(twin: PlateTwin, points: NDArray) -> NDArray[np.float64] | None:
-    """The move of the plate to its equilibrium in linear theory; None where it is unstable."""
+    """Displacement of the plate to its equilibrium, by linear theory; None if it is unstable."""
     try:
         return twin.displacements(points, [-twin.plate.gradient(points)])[0]
     except SolveError:
@@ -182,7 +188,7 @@ def _to_equilibrium(twin: PlateTwin, points: NDArray) -> NDArray[np.float64] | N
 
 
 def frequency_factor(twin: PlateTwin, points: NDArray, shapes: Sequence[NDArray], values: NDArray) -> float:
-    """Factor of frequencies of hinges over those of the plate, by a step of inverse iteration: the worst.
+    """Ratio of the frequencies with hinges and with the plate, by one step of inverse iteration.
 
     Parameters
     ----------
@@ -190,14 +196,14 @@ def frequency_factor(twin: PlateTwin, points: NDArray, shapes: Sequence[NDArray]
     points : (n, 3) ndarray of float64
         Positions in m.
     shapes : sequence of (n, 3) ndarray
-        Of the vibrations with hinges.
+        Vibration modes with hinges.
     values : (k,) ndarray
         Their frequencies in Hz.
 
     Returns
     -------
     float
-        1 where no shape bends, and where the plate is unstable.
+        The ratio that is farthest from 1; 1 if no shape bends, or if the plate is unstable.
     """
     mass = twin.hinges.mass[:, None]
     forces = [(2 * np.pi * value) ** 2 * mass * shape for value, shape in zip(values, shapes)]
@@ -206,18 +212,18 @@ def frequency_factor(twin: PlateTwin, points: NDArray, shapes: Sequence[NDArray]
 
 
 def load_factor(twin: PlateTwin, shapes: Sequence[NDArray]) -> float:
-    """Factor of buckling loads of hinges over those of the plate, by a step of inverse iteration: the worst.
+    """Ratio of the buckling loads with hinges and with the plate, by one step of inverse iteration.
 
     Parameters
     ----------
     twin : PlateTwin
     shapes : sequence of (n, 3) ndarray
-        Of buckling with hinges.
+        Buckling modes with hinges.
 
     Returns
     -------
     float
-        1 where no shape bends.
+        The ratio that is farthest from 1; 1 if no shape bends.
     """
     start = twin.hinges.start
     forces = [np.zeros_like(start) for _ in shapes]
@@ -230,7 +236,7 @@ def load_factor(twin: PlateTwin, shapes: Sequence[NDArray]) -> float:
 
 
 def _stiffness_factor(twin: PlateTwin, x: NDArray, shapes: Sequence[tuple[NDArray, NDArray]]) -> float:
-    """The factor on the plate's stiffness that is farthest from 1, in shapes with their elastic forces."""
+    """Ratio of the stiffnesses of hinges and plate that is farthest from 1, over (shape, elastic force)."""
     size = float(np.ptp(x, axis=0).max())
     least = LEAST_BENDING * twin.rigidity / size**2
     bent = [(shape, force) for shape, force in shapes if np.vdot(shape, force) > least]
@@ -246,7 +252,7 @@ def _stiffness_factor(twin: PlateTwin, x: NDArray, shapes: Sequence[tuple[NDArra
 
 
 def farthest_from_one(factors: Sequence[float]) -> float:
-    """The positive factor that is farthest from 1 in proportion.
+    """The positive factor f with the largest max(f, 1/f).
 
     Parameters
     ----------
@@ -261,16 +267,16 @@ def farthest_from_one(factors: Sequence[float]) -> float:
 
 
 def warn_of_hinges(factor: float, what: str, more: str = "high", less: str = "low") -> None:
-    """Warn where hinges do not bend as the plate of the material.
+    """Warn if hinges bend differently from the plate of the material.
 
     Parameters
     ----------
     factor : float
-        Of the plate's numbers, above 1 where they are `more`.
+        Ratio of the results of hinges and plate, or its inverse.
     what : str
-        What the numbers are.
+        Name of the results in the message.
     more, less : str
-        What they are in place of the plate's where the factor is above and below 1.
+        Adjective for the results of the hinges if the factor is above or below 1.
     """
     if max(factor, 1 / factor if factor > 0.0 else 0.0) > WARNING_FACTOR:
         logging.getLogger("ddgcli").warning(
@@ -285,7 +291,7 @@ def _bending(context: ShellContext) -> Any:
 
 
 def _plate(context: ShellContext) -> MidedgeBending | None:
-    """Bending of the plate in place of the hinges; None where there are no hinges or no plate."""
+    """Mid-edge bending in place of the hinges; None without hinges, and if it is not possible."""
     from ddgcli.models.shell.bending import plate_bending
     from ddgcli.models.shell.midedge import MidedgeBending
 

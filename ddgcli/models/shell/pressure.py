@@ -15,8 +15,7 @@ from ddgcli.geometry.extrinsic import component_volumes
 from ddgcli.mechanics.terms import Mode, Potential, at_last_point
 from ddgcli.mesh.require import require
 from ddgcli.mesh.scatter import sum_by_index
-from ddgcli.mesh.vectors import row_cross, row_dot
-from ddgcli.models.shell.area_springs import cross_matrix
+from ddgcli.mesh.vectors import cross_matrix, row_cross, row_dot
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.models.shell.ramp import RampSection
 from ddgcli.scenes.units import quantity
@@ -54,13 +53,13 @@ class ConstantPressure(Potential):
     ----------
     faces : (m, 3) ndarray
     center : (3,) ndarray
-        Origin of the corners' coordinates: the volume does not depend on it, its rounding does.
+        Origin for the coordinates of the corners: it affects only the rounding of the volume.
     rest : float
         V0 in m^3, negative where the faces look inward.
     pressure : float
         p in Pa, positive outward.
     label : str
-        Of the shell, in the scalars of the frames.
+        Name of the shell in the scalars of the frames.
     """
 
     name = "pressure"
@@ -70,7 +69,7 @@ class ConstantPressure(Potential):
         self.pressure, self.label, self.sign = pressure, label, float(np.sign(rest))
 
     def scaled(self, factor: float) -> Potential:
-        """The same with another pressure."""
+        """The same potential with `factor` times the pressure."""
         return ConstantPressure(self.stencil, self.center, self.rest, factor * self.pressure, self.label)
 
     @at_last_point
@@ -141,13 +140,13 @@ class Gas(ConstantPressure):
         return abs(self.rest) * (self.ambient * expansion - absolute * float(np.log1p(expansion)))
 
     def low_rank(self, x: NDArray) -> NDArray[np.float64]:
-        """(n, 3) vector u: the Hessian is that of the blocks plus u u^T, the stiffness of the gas."""
+        """(n, 3) vector u; the stiffness of the gas adds u u^T to the Hessian of the blocks."""
         constant = (self.ambient + self.pressure) * abs(self.rest)
         return np.sqrt(constant) / self.volume(x) * self.volume_gradient(x)
 
 
 class EscapedGas(Potential):
-    """No energy: a shell that a crack has opened holds no pressure. Its frames still report 0."""
+    """Zero energy, for a shell that a crack has opened; its frames report volume and pressure 0."""
 
     name = "pressure"
 

@@ -1,4 +1,4 @@
-"""Ramps of loads and pressures: a factor at each of some times."""
+"""Ramps of loads and pressures: factors that are piecewise linear in time."""
 
 # mypy: disable-error-code="valid-type"
 
@@ -36,7 +36,7 @@ class RampSection(Section):
         return self
 
     def ramped(self, potential: Any) -> Any:
-        """The potential with the ramp's factors; as it is without a ramp."""
+        """The potential scaled by the ramp; unchanged without a ramp."""
         if self.times is None or self.factors is None:
             return potential
         return RampedLoad(potential, np.array(self.times), np.array(self.factors))

@@ -20,13 +20,14 @@ FORCE, MOMENT = "reaction_force_", "reaction_moment_"
 CONTACT_FORCE, CONTACT_MOMENT = "contact_force_", "contact_moment_"
 N_RIGID_MOTIONS = 6
 VOLUME = "volume_"  # of a closed shell with pressure
-# of the available energy: more is description; more makes the result unreliable, exit 1
+# growth of the energy over the available energy above which a warning is issued, and above which the result
+# is unreliable
 ENERGY_GROWTH_WARNING, ENERGY_GROWTH_FAILURE = 0.1, 1.0
 
 
 @dataclass(frozen=True)
 class RunRounding:
-    """What rounding can give to a run's energy (J), momentum (kg m/s) and angular momentum (kg m^2/s)."""
+    """Bounds of the rounding of a run's energy (J), momentum (kg m/s) and angular momentum (kg m^2/s)."""
 
     energy: float
     momentum: float
@@ -35,7 +36,7 @@ class RunRounding:
 
 @np.errstate(over="ignore", invalid="ignore")
 def rounding(outcome: Outcome, systems: dict[str, System], order: Order) -> RunRounding:
-    """Rounding of a run over all shells: the larger of what it is at the start and at the end.
+    """Rounding of a run, summed over all shells: the larger of the values at the start and at the end.
 
     Parameters
     ----------
@@ -61,8 +62,8 @@ def rounding(outcome: Outcome, systems: dict[str, System], order: Order) -> RunR
     return RunRounding(energy, momentum, angular)
 
 
-MAX_ELASTIC_STRAIN = 2.0  # of an edge, which no material of the presets bears
-UNRESISTED_STRAIN = 0.5  # of an edge, which without the effect `stretching` is hardly meant
+MAX_ELASTIC_STRAIN = 2.0  # strain of an edge that no preset material bears
+UNRESISTED_STRAIN = 0.5  # strain of an edge above which a missing effect `stretching` is likely a mistake
 DRIFTS = ("energy_drift", "energy_gain", "momentum_drift", "angular_momentum_drift")
 
 
@@ -94,7 +95,7 @@ def summary(
 
 
 def _results(outcome: Outcome) -> dict[str, Any]:
-    """Frames, steps, energies, momenta and what single effects count, at the end of a run."""
+    """Frames, steps, energies, momenta and the results of single effects, at the end of a run."""
     series, last = outcome.series, outcome.end
     energies = {
         name.removeprefix("energy_"): {"start": float(values[0]), "end": float(values[-1])}
@@ -137,10 +138,10 @@ def _results(outcome: Outcome) -> dict[str, Any]:
 def _accuracy(outcome: Outcome, systems: dict[str, System], order: Order) -> dict[str, Any]:
     """Drifts, gain, strain and linear solver of a run.
 
-    Scales of the drifts: energy, the largest kinetic energy or change of a part of the energy; momentum, the
-    mass times the largest speed; angular momentum, that times the size of the shells. Within rounding a
-    drift is 0. The gain is the largest rise of the energy above its lowest so far. Conjugate gradients in
-    place of a factorisation are named.
+    The drift of the energy is relative to the largest kinetic energy or change of one of the energies; that
+    of the momentum to the mass times the largest speed; that of the angular momentum to this times the size
+    of the shells. A drift within rounding is 0. The gain is the largest rise of the energy above its lowest
+    value so far. The linear solver is reported if it is conjugate gradients, not a factorisation.
     """
     series = outcome.series
     mass = sum(float(system.mass.sum()) for system in systems.values())
@@ -167,7 +168,7 @@ def _accuracy(outcome: Outcome, systems: dict[str, System], order: Order) -> dic
 
 
 def _instability(end: dict[str, NDArray], systems: dict[str, System]) -> int | None:
-    """Negative eigenvalues of the Hessians at all equilibria; a warning where there are some."""
+    """Number of negative eigenvalues of the Hessians at all equilibria; warn if there are any."""
     from ddgcli.mechanics.equilibrium import unstable_directions
     from ddgcli.mechanics.rigid_motions import unheld_motions
 
@@ -178,7 +179,7 @@ def _instability(end: dict[str, NDArray], systems: dict[str, System]) -> int | N
         if count is None:
             log.warning("object %s: no factorisation shows whether the equilibrium is stable", name)
         elif count:
-            # more directions than those of rigid motions buckle, whatever holds the shell
+            # with more negative directions than rigid motions, the shell buckles whatever its supports
             unheld = unheld_motions(system) if count <= N_RIGID_MOTIONS else ""
             log.warning(
                 "object %s: the equilibrium is unstable, its Hessian has %d negative eigenvalue%s; %s",
@@ -190,20 +191,20 @@ def _instability(end: dict[str, NDArray], systems: dict[str, System]) -> int | N
 
 
 def failure_reason(outcome: Outcome, least: RunRounding, *, static: bool) -> str:
-    """Reason why the result is unreliable: energies, or a closed shell that has turned inside out.
+    """Reason why the result is unreliable: the energy grew, or a closed shell turned inside out.
 
-    The energy more than doubled, or cannot be represented. A smaller rise is a warning. Energy that rises
-    above the start and the work of handles, of loads that change in time and of wind comes from the scheme.
-    The scale is the available energy: that of the start above the lowest potential energy of the run, and the
-    largest work from outside.
+    It is unreliable if the energy more than doubled or overflowed; a smaller rise is a warning. Energy beyond
+    the initial one and the work of handles, time-dependent loads and wind comes from the scheme. The scale is
+    the available energy: the initial energy above the lowest potential energy of the run, plus the largest
+    external work.
 
     Parameters
     ----------
     outcome : Outcome
     least : RunRounding
-        Rises within it are not significant.
+        Rounding; rises within it are not significant.
     static : bool
-        Equilibria: each is downhill of the one before, so a rise is not a matter of the step.
+        Whether the frames are equilibria, whose energies are not checked.
 
     Returns
     -------
@@ -235,8 +236,8 @@ def failure_reason(outcome: Outcome, least: RunRounding, *, static: bool) -> str
         return ""
     work = np.zeros_like(total) + _work(outcome.series)
     energy = total - work
-    growth, at_hand = float(np.max(energy) - energy[0]), float(total[0] - np.min(total - kinetic))
-    scale = max(at_hand + float(np.max(np.abs(work))), least.energy)
+    growth, available = float(np.max(energy) - energy[0]), float(total[0] - np.min(total - kinetic))
+    scale = max(available + float(np.max(np.abs(work))), least.energy)
     if not growth > ENERGY_GROWTH_WARNING * scale + least.energy:
         return ""
     message = (
@@ -260,18 +261,18 @@ def _inverted(series: dict[str, NDArray]) -> str:
 
 
 def _work(series: dict[str, NDArray]) -> Any:
-    """Joules that came from outside, less those that cracks have released, in every frame."""
+    """External work, less the energy that cracks have released, in J in every frame."""
     return series.get("external_work", 0.0) - series.get("fracture_energy", 0.0)
 
 
 def _drift(series: np.ndarray, scale: float, rounding: float) -> float:
-    """Largest |q - q0| over the frames by the scale; 0 where it is within rounding."""
+    """Largest |q - q0| over the frames, divided by the scale; 0 within rounding."""
     change = float(np.abs(series - series[0]).max())
     return change / max(scale, rounding) if change > rounding else 0.0
 
 
 def _linear_solver_accuracy(systems: dict[str, System]) -> dict[str, Any]:
-    """Fields of `accuracy` of a run whose steps were solved by conjugate gradients; none otherwise."""
+    """Fields of `accuracy` for a run whose steps were solved by conjugate gradients; else empty."""
     solvers = [system.cache[LINEAR_SOLVER] for system in systems.values() if LINEAR_SOLVER in system.cache]
     if not solvers:
         return {}

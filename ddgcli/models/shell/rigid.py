@@ -52,7 +52,7 @@ def build(parameters: Rigid, context: ShellContext) -> list[RigidEdges]:
 
 
 def _selected_edges(parameters: Rigid, context: ShellContext) -> NDArray[np.int64]:
-    """(e, 2) edges; ValueError for pairs that are not edges, and for an empty list."""
+    """(e, 2) edges that the section selects; ValueError for pairs that are not edges, and without any."""
     edges = np.asarray(context.mesh.topology.edges)
     if parameters.edges is not None:
         if parameters.vertices is not None or parameters.box is not None:
@@ -72,7 +72,7 @@ def _selected_edges(parameters: Rigid, context: ShellContext) -> NDArray[np.int6
 
 
 def _fixed_vertices(context: ShellContext) -> NDArray[np.bool_]:
-    """(n,) vertices that pins hold in all directions; an edge between two of them is rigid already."""
+    """(n,) whether pins hold each vertex in all directions; an edge between two of them is rigid already."""
     fixed = np.zeros((context.mesh.n_vertices, 3), dtype=bool)
     for term in context.terms.get("pin", []):
         fixed |= term.mask

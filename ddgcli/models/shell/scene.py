@@ -1,4 +1,4 @@
-"""What a scene of `shell-sim` may hold."""
+"""Schema of the scenes of `shell-sim`: objects, integrators, effects."""
 
 # mypy: disable-error-code="valid-type"
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ddgcli.mesh.triangle_mesh import TriangleMesh
     from ddgcli.models.shell.context import ShellContext
 
-# of an evaluation of all elements, what a shortest step of `avi` costs besides those of its elements
+# overhead of a shortest step of `avi`, over the cost of one evaluation of all elements
 SHORTEST_STEP_SHARE = 0.3
 
 
@@ -61,21 +61,21 @@ class ShellScene:
 
     @cached_property
     def systems(self) -> dict[str, System]:
-        """Masses and terms by shell."""
+        """System of each group of coupled shells, by name."""
         systems = model.systems(self.scene, self.contexts, self.account)
         model.warn_of_unused_obstacles(self.scene)
         return systems
 
     @property
     def final_names(self) -> tuple[str, ...]:
-        """Names that arrays of `final` may have."""
+        """Names of arrays that `final` may return."""
         counts = {"mode": self.n_modes, "buckling": self.n_buckling}
         shapes = [f"{name}_{k:03d}" for name, count in counts.items() for k in range(count or 0)]
         return (*SHELL_FACE_ARRAYS, *shapes)
 
     @cached_property
     def order(self) -> list[tuple[str, int]]:
-        """System and number of vertices of each shell."""
+        """Name of the system and number of vertices of each shell."""
         from ddgcli.models.shell.groups import groups
 
         owner = {name: g.name for g in groups(self.scene, self.contexts) for name in g.shells}
@@ -98,7 +98,7 @@ class ShellScene:
         return step_solver(self.scene, self.systems)
 
     def parts_of_step(self, schedule: Schedule) -> float:
-        """Asynchronous steps: of the evaluations of all elements, and of their shortest steps a share."""
+        """Cost of a step of the schedule, in evaluations of all elements."""
         if self.scene.time.integrator == "avi":
             from ddgcli.mechanics.asynchronous import evaluations
 
@@ -119,7 +119,7 @@ class ShellScene:
     def _at_end(
         self, outcome: Outcome
     ) -> tuple[dict[str, ShellContext], dict[str, System], list[tuple[str, int]]]:
-        """Contexts, systems and order of the last frame: those of the start, unless something broke."""
+        """Contexts, systems and order at the last frame: those at the start, unless a shell broke."""
         if not self.splits or outcome.last is None:
             return self.contexts, self.systems, self.order
         from ddgcli.models.shell.epochs import contexts_of_frame
@@ -132,7 +132,7 @@ class ShellScene:
         return {}
 
     def schedule(self) -> Schedule:
-        """That of the scene; modes and buckling loads take no step, except to an equilibrium."""
+        """Schedule of the scene; modes and buckling loads take no step, except to an equilibrium."""
         schedule = self.scene.schedule()
         analysed = self.n_modes or self.n_buckling
         if not analysed or self.scene.time.integrator == "static":
@@ -154,7 +154,7 @@ class ShellScene:
         return {o.name: displacement_row(o, self.obstacle_middle(o), time) for o in moving}
 
     def obstacle_middle(self, obstacle: Any) -> Any:
-        """Middle of an obstacle in the coordinates in which it is written."""
+        """Middle of an obstacle in the coordinates of its section or mesh file."""
         from ddgcli.models.shell.obstacle_motion import middle_of
 
         if obstacle.mesh is None:

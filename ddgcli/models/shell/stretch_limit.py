@@ -1,4 +1,4 @@
-"""The end of runs whose shells stretch further than any material."""
+"""Limit of stretch that ends a run: no material stretches further."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from ddgcli.mechanics.terms import PlasticMemory
 from ddgcli.mesh.vectors import vector_length
 from ddgcli.models.shell.groups import Group
 
-MAX_STRETCH = 100.0  # length of an edge by that at rest: rubber breaks at 10
+MAX_STRETCH = 100.0  # length of an edge over its rest length; rubber breaks at 10
 
 
 def has_stretch_limit(system: System) -> bool:
-    """Whether lengths of edges are bounded: a law of small strains resists, and rest lengths do not grow.
+    """Whether the limit applies: `stretching`, a law of small strains, resists, and nothing is plastic.
 
     Parameters
     ----------
@@ -30,11 +30,11 @@ def has_stretch_limit(system: System) -> bool:
 
 
 class StretchLimit:
-    """Ends a run where an edge is longer than MAX_STRETCH times its rest length.
+    """End a run when an edge is longer than MAX_STRETCH times its rest length.
 
-    Laws of small strains mean nothing there, and steps become shorter and shorter. Lengths are computed again
-    only when vertices have moved by half of what the closest edge was below its limit, so most steps cost no
-    more than one difference of positions.
+    Laws of small strains are invalid there, and steps become shorter and shorter. The lengths are computed
+    again only when a vertex has moved by half the smallest margin below the limits, so that most steps cost
+    only one difference of positions.
 
     Parameters
     ----------
@@ -46,14 +46,14 @@ class StretchLimit:
         self.tail, self.head = np.concatenate(list(edges.values())).T
         self.names = np.repeat(list(edges), [len(rows) for rows in edges.values()])
         self.checked = np.concatenate([np.asarray(context.mesh.points) for context in group.shells.values()])
-        self.longest = MAX_STRETCH * self._lengths(self.checked)
-        self.allowed_move = 0.0  # of each vertex from the positions that were checked, before the next check
+        self.max_length = MAX_STRETCH * self._lengths(self.checked)
+        self.allowed_move = 0.0  # move of a vertex from `checked` up to which no check is needed
 
     def _lengths(self, x: NDArray) -> NDArray[np.float64]:
         return vector_length(x[self.head] - x[self.tail])
 
     def check(self, x: NDArray, time: float) -> None:
-        """Raise an error with the shell whose edge is too long.
+        """Raise an error, which names the shell, if an edge is too long.
 
         Parameters
         ----------
@@ -69,11 +69,12 @@ class StretchLimit:
         if np.sqrt(3.0) * np.abs(x - self.checked).max() <= self.allowed_move:
             return
         length = self._lengths(x)
-        worst = int(np.argmax(length / self.longest))
-        if length[worst] > self.longest[worst]:
+        worst = int(np.argmax(length / self.max_length))
+        if length[worst] > self.max_length[worst]:
+            stretch = MAX_STRETCH * length[worst] / self.max_length[worst]
             raise SolveError(
-                f"t = {time:.6g} s, object {self.names[worst]}: an edge is "
-                f"{MAX_STRETCH * length[worst] / self.longest[worst]:.3g} times as long as at rest, which no "
-                "material bears; lessen the loads, velocities and motions of handles, or take a stiffer one"
+                f"t = {time:.6g} s, object {self.names[worst]}: an edge is {stretch:.3g} times as long as at "
+                "rest, which no material bears; lessen the loads, velocities and motions of handles, or take "
+                "a stiffer one"
             )
-        self.checked, self.allowed_move = x, 0.5 * float((self.longest - length).min())
+        self.checked, self.allowed_move = x, 0.5 * float((self.max_length - length).min())

@@ -34,7 +34,7 @@ class Stretching(Section):
 
 
 class EdgeSprings(Potential):
-    """Energy k a (l/l0 - 1)^2 / 2 of every edge, a the area of the edge's tile, k in N/m.
+    """Energy k a (l / l0 - 1)^2 / 2 per edge, with a third of the area of its faces, a, and k in N/m.
 
     On equilateral triangles this is a membrane with Young's modulus times thickness k / 3 and nu = 1/3.
     """
@@ -104,12 +104,13 @@ class EdgeSprings(Potential):
 
 
 class StVK(TensorPotential):
-    """St Venant-Kirchhoff membrane: energy t (lam/2 tr(E)^2 + mu tr(E^2)) per area, E the Green strain.
+    """St Venant-Kirchhoff membrane: energy lam/2 tr(E)^2 + mu tr(E^2) per area, E the Green strain.
 
-    Plane stress: lam t = Y nu / (1 - nu^2), mu t = Y / (2 (1 + nu)) with Y Young's modulus times thickness.
+    In plane stress lam = Y nu / (1 - nu^2) and mu = Y / (2 (1 + nu)), in N/m, with Young's modulus times
+    thickness Y.
 
-    `rest_metric` (m, 2, 2) is F'F at rest in the frames of `basis`: the identity up to rounding. In a needle
-    of aspect 1e8 rounding would leave a strain of 1e-8, enough to move a body at rest.
+    `rest_metric` (m, 2, 2) is F'F at rest in the frames of `basis`: the identity up to rounding. With the
+    exact identity, a needle of aspect 1e8 would have a strain of 1e-8 at rest, enough to set it in motion.
     """
 
     name = "stretching"
@@ -145,7 +146,7 @@ class StVK(TensorPotential):
         return _matrices(*self._products(*self._columns(x)))
 
     def _columns(self, x: NDArray) -> tuple[NDArray, NDArray]:
-        """Columns (3, m) of F, from differences of positions: they do not depend on the origin."""
+        """Columns (3, m) of F, from differences of positions: rounding does not depend on the origin."""
         x0, x1, x2 = columns_at(x, self.stencil)
         first, second = x1 - x0, x2 - x0
         rates = self._rates
@@ -157,26 +158,32 @@ class StVK(TensorPotential):
 
     @at_last_point
     def _stress(self, x: NDArray) -> tuple[tuple[NDArray, NDArray], NDArray, NDArray]:
-        """Columns of F (3, m); components 11, 22, 12 (3, m) of Green's strain and of the second stress."""
+        """Columns of F (3, m); components 11, 22, 12 (3, m) of the Green strain and of the stress.
+
+        The stress is the second Piola-Kirchhoff stress times the thickness.
+        """
         f, g = self._columns(x)
         strain = 0.5 * (np.stack(self._products(f, g)) - self._rest)
         return (f, g), strain, self._stress_of(strain)
 
     def _stress_of(self, strain: NDArray) -> NDArray[np.float64]:
-        """Second stress of a strain, components 11, 22, 12 (3, m)."""
+        """Second Piola-Kirchhoff stress of a strain, components 11, 22, 12 (3, m)."""
         stress = 2 * self.mu * strain
         stress[:2] += self.lam * (strain[0] + strain[1])
         return stress
 
     def green_strain(self, x: NDArray) -> tuple[NDArray, NDArray]:
-        """(m, 2, 2) Green's strain and second stress (N/m), along the first side of a face and across."""
+        """(m, 2, 2) Green strain and second Piola-Kirchhoff stress (N/m).
+
+        The axes are the first side of a face and the direction perpendicular to it.
+        """
         _, strain, stress = self._stress(x)
         return _matrices(*strain), _matrices(*stress)
 
     def linearised(self, x: NDArray, move: NDArray) -> StVK:
-        """The membrane whose Hessian has the stress to which x + move leads to first order.
+        """The membrane whose Hessian uses the stress at x + move, linearised in the move.
 
-        A turn stretches only to second order: that stress has nothing of it.
+        A rotation stretches to second order only, so the linearised stress does not contain that stretch.
         """
         (f, g), strain, _ = self._stress(x)
         df, dg = self._columns(move)
@@ -195,7 +202,7 @@ class StVK(TensorPotential):
         return self._forces(f, g, stress, len(x))
 
     def _forces(self, f: NDArray, g: NDArray, stress: NDArray, n: int) -> NDArray[np.float64]:
-        """(n, 3) derivative of the energy in the positions, from F and the second stress."""
+        """(n, 3) gradient of the energy, from F and the second Piola-Kirchhoff stress."""
         s = self.area * stress
         first, second = s[0] * f + s[2] * g, s[2] * f + s[1] * g
         forces = [b * first + c * second for b, c in zip(*self._rates)]
@@ -238,7 +245,7 @@ class StVK(TensorPotential):
 
     @cached_property
     def _rates(self) -> NDArray[np.float64]:
-        """(2, 3, m) derivatives of the corner functions along both axes."""
+        """(2, 3, m) derivatives of the hat functions of the corners along both axes."""
         return np.ascontiguousarray(self.basis.transpose(2, 1, 0))
 
     @property
@@ -249,7 +256,7 @@ class StVK(TensorPotential):
 
     @cached_property
     def _moduli(self) -> NDArray[np.float64]:
-        """(6, 4, m) numbers by which a block of a pair holds f1 f1', f2 f2', f1 f2' and f2 f1'."""
+        """(pairs, 4, m) coefficients of f1 f1', f2 f2', f1 f2' and f2 f1' in the blocks of corner pairs."""
         b, c = self._rates
         long, lam, mu = self.lam + 2 * self.mu, self.lam, self.mu
         rows = [
@@ -269,12 +276,12 @@ class StVK(TensorPotential):
 
 
 def _matrices(first: NDArray, second: NDArray, mixed: NDArray) -> NDArray[np.float64]:
-    """(m, 2, 2) symmetric matrices of their components 11, 22 and 12."""
+    """(m, 2, 2) symmetric matrices from their components 11, 22 and 12."""
     return np.stack([first, mixed, mixed, second], axis=-1).reshape(len(first), 2, 2)
 
 
 def _positive_part(first: NDArray, second: NDArray, mixed: NDArray) -> NDArray[np.float64]:
-    """Components 11, 22, 12 of symmetric matrices without their negative eigenvalues, in closed form."""
+    """Components 11, 22, 12 of symmetric 2 x 2 matrices, with negative eigenvalues replaced by 0."""
     mean, half = 0.5 * (first + second), 0.5 * (first - second)
     radius = np.hypot(half, mixed)
     high, low = np.maximum(mean + radius, 0), np.maximum(mean - radius, 0)
@@ -285,7 +292,7 @@ def _positive_part(first: NDArray, second: NDArray, mixed: NDArray) -> NDArray[n
 
 
 def face_basis(mesh: TriangleMesh) -> NDArray[np.float64]:
-    """(m, 3, 2) gradients of the corner functions in an orthonormal frame of each face, at rest."""
+    """(m, 3, 2) gradients of the corners' hat functions, in an orthonormal frame of each face at rest."""
     corners = np.asarray(mesh.points)[mesh.faces]
     e1, e2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     length = np.linalg.norm(e1, axis=1)
@@ -314,9 +321,9 @@ def build(parameters: Stretching, context: ShellContext) -> list[Potential]:
 
 
 def _edges_and_areas(context: ShellContext, young: float, nu: float) -> list[Potential]:
-    """Edge and area springs that together have Young's modulus and Poisson's ratio on equilateral triangles.
+    """Edge and area springs that reproduce Young's modulus and Poisson's ratio on equilateral triangles.
 
-    Edge springs alone have equal Lame constants; the area springs add the rest of the first.
+    Edge springs alone have equal Lame constants; the area springs add what the first one lacks.
     """
     if nu < 1 / 3 - 1e-12:
         raise ValueError(

@@ -1,4 +1,4 @@
-"""Obstacles that move: solids with a signed distance in the pose that a rigid motion gives them."""
+"""Surfaces with a closed-form distance under a rigid motion: the obstacles that move."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ddgcli.models.shell.key_frames import Pose
 
 
 class PosedSurface:
-    """A surface where a rigid motion has carried it."""
+    """A surface in the pose of a rigid motion; the methods are those of `Surface`."""
 
     def __init__(self, surface: Surface, pose: Pose) -> None:
         self.surface, self.pose = surface, pose

@@ -1,4 +1,7 @@
-"""Potentials with tensors on the faces; the module loads no effect, so that scenes without them cost none."""
+"""Interface of potentials with tensors on the faces.
+
+It is a module of its own so that it can be used without importing effects that the scene does not have.
+"""
 
 from __future__ import annotations
 
@@ -8,16 +11,16 @@ from ddgcli.mechanics.terms import Potential
 
 
 class TensorPotential(Potential):
-    """A potential of which a shell reports tensors; a member that is None is one that it does not have.
+    """A potential with tensors on the faces, which a shell can report; members that it lacks are None.
 
     Attributes
     ----------
-    green_strain : method (x) -> ((m, 2, 2) strain, (m, 2, 2) second stress in N/m)
-        In the frames of the faces at rest.
+    green_strain : method (x) -> ((m, 2, 2) strain, (m, 2, 2) stress in N/m)
+        Green strain and second Piola-Kirchhoff stress, in the frames of the faces at rest.
     moment_tensor : method (x, added rotations) -> (m, 2, 2) ndarray
-        N m per metre.
+        In N m per metre.
     added_rotations : method () -> ndarray or float
-        Rotations of edges that a load adds.
+        Rotations that a load adds to edge directors.
     """
 
     green_strain: Any = None

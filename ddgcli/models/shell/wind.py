@@ -50,7 +50,7 @@ class FaceDrag(Dissipation):
 
     R = rho / 2 sum A (c_n |w_n|^3 + c_t |w_t|^3) / 3, w_n and w_t the normal and tangential parts of w: the
     normal part of the force gives drag and lift (Newton's sine-square law), the tangential part friction.
-    R is convex, so an implicit step is stable; it takes energy where the air is at rest.
+    R is convex, so implicit steps are stable; air at rest takes energy from the shell.
     """
 
     name = "wind"
@@ -74,7 +74,7 @@ class FaceDrag(Dissipation):
 
 
 class GustyFaceDrag(FaceDrag):
-    """The same where the velocity of the air depends on time."""
+    """Face drag in air whose velocity depends on time."""
 
     def at(self, time: float) -> FaceDrag:
         drag = FaceDrag(self.stencil, self.velocity, self.half_density, self.normal, self.tangential)
@@ -89,7 +89,7 @@ class FrozenFaceDrag(Potential):
     ----------
     stencil : (m, 3) ndarray
     air, normal : (3, m) ndarray
-        Velocity of the air at the faces in m/s, unit normals.
+        Velocity of the air at the faces in m/s, and unit normals.
     across, along : (m,) ndarray
         rho A c_n / 2 and rho A c_t / 2 in kg/m.
     """
@@ -151,7 +151,7 @@ def build(parameters: Wind, context: ShellContext) -> list[FaceDrag]:
         log.warning("effect wind on %s has no strength: it changes nothing", context.shell.name)
         return []
     velocity = [str(component) for component in parameters.velocity]
-    air_velocity(velocity, context.mesh.points.T, 0.0)  # refuses what has no value
+    air_velocity(velocity, context.mesh.points.T, 0.0)  # raises an error if it cannot be evaluated
     kind = GustyFaceDrag if any(_depends_on_time(text) for text in velocity) else FaceDrag
     half = 0.5 * parameters.density
     return [kind(np.asarray(context.mesh.faces), velocity, half, parameters.normal, parameters.tangential)]
