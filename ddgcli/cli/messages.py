@@ -24,7 +24,7 @@ class MessageHandler(logging.Handler):
     summary, and printed after them, with -q too.
 
     A warning of one row (`row_label` of the record) that was also given for the whole input is left out.
-    Of warnings that differ in numbers only, the first `WARNINGS_OF_A_KIND` are kept, the others are counted;
+    If warnings differ only in numbers, the first `WARNINGS_OF_A_KIND` are kept and the others counted;
     of rows the first, with the names of all its rows.
 
     Parameters

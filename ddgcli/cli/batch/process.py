@@ -1,4 +1,4 @@
-"""One task in a process of its own: bounded time and memory, and what it used."""
+"""Run one task in a process of its own, with limits of time and memory, and measure both."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def run_task(
     ----------
     task : Task
     limits : TaskLimits
-        Of time and memory.
+        Limits of time and memory.
     collect : sequence of str
         Dotted names of values of the summary, such as `results.area`.
     stop : threading.Event, optional

@@ -1,4 +1,4 @@
-"""Run the tasks of a batch side by side, in this machine's processes or on a Dask cluster."""
+"""Run the tasks of a batch in parallel, in processes of this machine or on a Dask cluster."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def run_batch(
     ----------
     tasks : sequence of Task
     limits : TaskLimits
-        Of each task.
+        Limits of each task.
     jobs : int
         Processes in parallel.
     collect : sequence of str

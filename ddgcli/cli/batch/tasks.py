@@ -212,7 +212,7 @@ def refuse_inputs_as_outputs(tasks: Sequence[Task], table: str | None = None) ->
 
 
 def _file_key(path: Path) -> tuple[int, int] | None:
-    """What equals for two names of one file; None of a file that does not exist."""
+    """Key that is equal for two names of the same file; None if the file does not exist."""
     try:
         facts = path.stat()
     except (OSError, ValueError):

@@ -1,9 +1,9 @@
-"""Peak memory and time of a command before it computes: `--dry-run`, and the refusal of what cannot fit.
+"""Prediction of the peak memory and time of a command: `--dry-run`, and errors for runs that do not fit.
 
-`kernels` and the modules of single commands list what a command computes for its options and the facts of
-`mesh_facts` and `curve_facts`, `coefficients` (generated) what a kernel costs, `prediction` adds both up and
-scales seconds by a probe of this machine, commands call `check_cost`; `batch_cost` adds up the dry runs of a
-batch.
+A command consists of kernels with measured costs. `kernels` and the modules of single commands list the
+kernels of a command for its options and its input, whose properties (facts) `mesh_facts` and `curve_facts`
+compute; `coefficients` (generated) has the cost of each kernel. `prediction` adds the costs up and scales
+seconds by a probe of this machine. Commands call `check_cost`; `batch_cost` adds up the dry runs of a batch.
 """
 
 __all__ = [

@@ -16,13 +16,13 @@ if TYPE_CHECKING:
 
 __all__ = ["batch_cost", "dry_runs", "may_not_fit", "refuse_batch", "with_refused_runs"]
 
-MIN_CHECKED_BYTES = 5e6  # of a file of some 100,000 faces: smaller ones fit
+MIN_CHECKED_BYTES = 5e6  # size of a file of about 100,000 faces; smaller inputs fit into memory
 MAX_PREDICTED_VALUES = 4  # combinations of swept values with dry runs of their own
-MAX_DRY_RUNS = 100  # of a batch; of more tasks, as many evenly spaced ones
-MAX_REFUSED = 3  # dry runs that refuse their input, before the batch is refused
-MIN_SIZE_RATIO = 1.3  # of files whose costs are predicted apart
-_Facts = tuple[int, dict[str, Any]]  # bytes of an input and its dry run
-DryRuns = Mapping[tuple[str, ...], dict[str, Any] | ParameterError]  # by the words of a task
+MAX_DRY_RUNS = 100  # dry runs of a batch, for evenly spaced tasks if there are more
+MAX_REFUSED = 3  # dry runs that end in an error, after which the whole batch does
+MIN_SIZE_RATIO = 1.3  # ratio of file sizes above which costs are interpolated between two dry runs
+_Facts = tuple[int, dict[str, Any]]  # bytes of an input, and the prediction of its dry run
+DryRuns = Mapping[tuple[str, ...], dict[str, Any] | ParameterError]  # prediction or error, by command words
 COSTS = ("peak_mib", "seconds", "least seconds", "most seconds")
 
 
@@ -32,7 +32,7 @@ def may_not_fit(tasks: Sequence[Task], jobs: int) -> bool:
 
 
 def dry_runs(tasks: Sequence[Task], jobs: int) -> DryRuns:
-    """Predictions of the tasks of a batch, or their refusals; of many tasks, of `MAX_DRY_RUNS`."""
+    """Predictions (or errors) of the tasks of a batch, of at most `MAX_DRY_RUNS` evenly spaced ones."""
     checked = tasks[:: -(-len(tasks) // MAX_DRY_RUNS) or 1]
     words = [task.words for task in checked]
     with ThreadPoolExecutor(jobs) as pool:
@@ -42,7 +42,7 @@ def dry_runs(tasks: Sequence[Task], jobs: int) -> DryRuns:
 def with_refused_runs(
     cost: dict[str, Any], tasks: Sequence[Task], checked: DryRuns
 ) -> tuple[dict[str, Any], list[str]]:
-    """Results of a dry run with the runs that are refused, and the lines of its summary about them."""
+    """Results of a dry run, with the runs that end in an error, and the summary lines about these."""
     rows = [
         {"index": task.index, "input": task.input, "message": str(answer)}
         for task in tasks
@@ -64,11 +64,11 @@ def with_refused_runs(
 
 
 def batch_cost(tasks: Sequence[Task], jobs: int, checked: DryRuns | None = None) -> dict[str, Any]:
-    """Prediction of a batch: seconds of all tasks, and memory of the `jobs` largest side by side.
+    """Prediction of a batch: seconds of all tasks, and memory of the `jobs` largest at the same time.
 
-    The largest and the smallest input with each combination of swept values (of some, where there are many)
-    have dry runs of their own; the cost of an input between them grows in proportion to its file. `checked`:
-    dry runs that are there already; the runs that they refuse cost nothing.
+    For each combination of swept values (or some, if there are many), the largest and the smallest input have
+    dry runs of their own; costs in between are interpolated by file size. `checked` are dry runs that exist
+    already; tasks with an error there cost nothing.
     """
     checked = checked or {}
     n_tasks = len(tasks)
@@ -102,7 +102,7 @@ def batch_cost(tasks: Sequence[Task], jobs: int, checked: DryRuns | None = None)
 
 
 def refuse_batch(cost: dict[str, Any], jobs: int) -> None:
-    """Raise ParameterError for tasks that do not fit into memory side by side."""
+    """Raise ParameterError for tasks that do not fit into memory at the same time."""
     from ddgcli.cli.forecast.prediction import UNCERTAINTY
 
     if "peak_mib" in cost and cost["peak_mib"] > (1 + UNCERTAINTY) * cost["available_mib"]:
@@ -118,7 +118,7 @@ def _bytes(task: Task) -> int:
 
 
 def _ends(group: Sequence[Task], checked: DryRuns) -> tuple[_Facts, _Facts]:
-    """Bytes and predictions of the smallest and of the largest input that a command accepts."""
+    """File sizes and predictions of the smallest and the largest valid input."""
     ordered = sorted(group, key=_bytes)
     high = _accepted(ordered[::-1], checked)
     if _bytes(ordered[0]) * MIN_SIZE_RATIO > high[0]:
@@ -130,7 +130,7 @@ def _ends(group: Sequence[Task], checked: DryRuns) -> tuple[_Facts, _Facts]:
 
 
 def _accepted(tasks: Sequence[Task], checked: DryRuns) -> _Facts:
-    """Bytes and prediction of the first task whose input is accepted; others fail and do not stop a batch."""
+    """File size and prediction of the first task with a valid input; others fail without stopping a batch."""
     refusal = None
     for task in tasks[:MAX_REFUSED]:
         answer = checked.get(task.words) or _prediction_or_refusal(task.words)
@@ -148,7 +148,7 @@ def _prediction_or_refusal(words: Sequence[str]) -> dict[str, Any] | ParameterEr
 
 
 def _between(size: int, low: _Facts, high: _Facts) -> dict[str, float]:
-    """Costs of an input by the bytes of its file."""
+    """Costs of an input, interpolated by its file size."""
     share = (size - low[0]) / (high[0] - low[0]) if high[0] > low[0] else 1.0
     ends = [_costs(facts) for _, facts in (low, high)]
     return {name: max(0.0, a + share * (b - a)) for name, a, b in zip(COSTS, *ends)}

@@ -1,4 +1,4 @@
-"""Cost of a run after its input is read: refuse what cannot fit, predict the rest for --dry-run."""
+"""Cost of a run after its input is read: an error if it does not fit into memory, else a prediction."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 
 __all__ = ["check_cost", "dry_run_of", "predict_run", "refined_prediction", "refuse_run", "size_of"]
 
-MIN_CHECKED_ELEMENTS = 100_000  # smaller inputs fit, and their runs need no prediction
-COMPARISON_EXPONENT = 1.1  # growth of the seconds of a comparison with the faces
-DEFAULT_FRAME_COUNT = 50  # of flows with adaptive steps
+MIN_CHECKED_ELEMENTS = 100_000  # smaller inputs fit into memory, and their runs need no prediction
+COMPARISON_EXPONENT = 1.1  # the seconds of a comparison grow as the number of faces to this power
+DEFAULT_FRAME_COUNT = 50  # frames of flows with adaptive steps
 REMEDIES = {
     "laplacian": "use fewer eigenpairs, a coarser mesh, or a machine with more memory",
     "geodesic": "use --method fast-marching or heat, or a coarser mesh",
@@ -41,7 +41,7 @@ DEFAULT_REMEDY = "use a coarser mesh, or a machine with more memory"
 
 
 def _step_count(duration: float, each: float) -> int:
-    """Number of steps; at most one more than a run may have, which the run itself refuses."""
+    """Number of steps; at most one more than the limit, which is an error of the run itself."""
     from ddgcli.simulation.model import MAX_STEP_COUNT
 
     return max(1, round(min(duration / each, MAX_STEP_COUNT + 1)))
@@ -68,7 +68,7 @@ def size_of(mesh: AnyMesh, options: Mapping[str, Any]) -> InputSize:
 
 
 def _steps(mesh: AnyMesh, options: Mapping[str, Any]) -> tuple[int | None, bool]:
-    """Steps that the options name, None where they do not; whether these are frames with adaptive steps."""
+    """Number of steps from the options, or None; and whether these are frames with adaptive steps."""
     from ddgcli.cli.forecast.mesh_facts import wave_steps
     from ddgcli.mesh.curve import CurveSet
 
@@ -87,7 +87,7 @@ def _steps(mesh: AnyMesh, options: Mapping[str, Any]) -> tuple[int | None, bool]
 def _surface_size(
     mesh: TriangleMesh | IntrinsicMesh, options: Mapping[str, Any], size: InputSize
 ) -> InputSize:
-    """The size of a surface with the facts that the options need."""
+    """The size of a surface, with the properties on which the cost for these options depends."""
     from ddgcli.cli.forecast.curvature_kernels import compared_work
     from ddgcli.cli.forecast.curve_facts import curve_facts, has_curves
     from ddgcli.cli.forecast.mesh_facts import harmonic_fields, hole_triangles, offset_faces, picture_share
@@ -114,7 +114,7 @@ def _surface_size(
 
 
 def _delaunay_facts(mesh: TriangleMesh | IntrinsicMesh, options: Mapping[str, Any]) -> DelaunayFacts:
-    """What refinements and overlays depend on."""
+    """Properties on which the cost of refinements and overlays depends."""
     from ddgcli.cli.forecast.mesh_facts import (
         angle_contrast,
         angle_deficit,
@@ -145,7 +145,7 @@ def _delaunay_facts(mesh: TriangleMesh | IntrinsicMesh, options: Mapping[str, An
 
 
 def _spectrum_facts(mesh: TriangleMesh | IntrinsicMesh, options: Mapping[str, Any]) -> LaplacianFacts:
-    """What eigenpairs depend on."""
+    """Properties on which the cost of eigenpairs depends."""
     from ddgcli.cli.forecast.mesh_facts import component_counts, signature_pairs
 
     if not (options.get("hks") or options.get("eigen")):
@@ -157,7 +157,7 @@ def _spectrum_facts(mesh: TriangleMesh | IntrinsicMesh, options: Mapping[str, An
 def _n_curves(mesh: CurveSet) -> int:
     try:
         return max(1, len(mesh.paths))
-    except MeshError:  # the command itself refuses curves that meet
+    except MeshError:  # curves that meet are an error of the command itself
         return 1
 
 
@@ -166,8 +166,8 @@ def predict_run(
 ) -> Prediction:
     """Cost of a run on an input of a size; `options` replace those of the summary.
 
-    Where factors do not fit into memory, conjugate gradients take their place, as they do in the run.
-    `earlier` is a prediction of the same run, before which nothing was computed.
+    If factors do not fit into memory, conjugate gradients are assumed, as in the run. `earlier` is an earlier
+    prediction for the same run.
     """
     from ddgcli.cli.forecast.prediction import fits, predict
 
@@ -186,7 +186,7 @@ def predict_run(
     prediction = prediction_of(all_options["solver"])
     if all_options["solver"] in (None, "auto") and not fits(prediction):
         prediction = min(prediction, prediction_of("multigrid"), key=lambda p: p.peak_mib)
-    if run.command == "tradeoff":  # rows that the budget does not suffice for are left out
+    if run.command == "tradeoff":  # rows that would exceed the time budget are not run
         most = prediction.read_seconds + all_options["budget"]
         low, high = (min(most, seconds) for seconds in prediction.seconds_range)
         share = min(1.0, most / prediction.seconds) ** (1.0 / COMPARISON_EXPONENT)
@@ -199,7 +199,7 @@ def predict_run(
 def refined_prediction(
     run: Any, size: InputSize, mesh: AnyMesh, prediction: Prediction
 ) -> tuple[Prediction, InputSize]:
-    """A prediction and its size with facts of the mesh that only the seconds of a dry run depend on."""
+    """A prediction and its size with costlier properties of the mesh, which only affect predicted seconds."""
     from ddgcli.mesh.triangle_mesh import TriangleMesh
 
     if not isinstance(mesh, TriangleMesh) or not mesh.n_faces:
@@ -226,12 +226,12 @@ def refined_prediction(
 
 
 def check_cost(run: Any, size: InputSize, options: Mapping[str, Any] | None = None) -> Prediction | None:
-    """Cost of a run that fits into memory; None for small inputs, but in a dry run.
+    """Cost of a run; None for small inputs outside dry runs.
 
     Raises
     ------
     ParameterError
-        The run needs more memory than is available.
+        If the run needs more memory than is available.
     """
     if not run.common.dry_run and size.elements * size.frame_count < MIN_CHECKED_ELEMENTS:
         return None
@@ -250,12 +250,12 @@ def refuse_run(run: Any, size: InputSize, prediction: Prediction) -> None:
 
 
 def dry_run_of(words: Sequence[str]) -> dict[str, Any]:
-    """Prediction of another command, made by a process of its own.
+    """Prediction of another command, by a dry run in a process of its own.
 
     Raises
     ------
     ParameterError
-        The command refuses its input.
+        If the input of the command is invalid.
     """
     import json
     import sys

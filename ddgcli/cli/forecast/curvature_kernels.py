@@ -1,4 +1,4 @@
-"""Kernels of `curvature`: a scheme, balls of a radius, and the search for noise."""
+"""Kernels of `curvature`: the scheme, balls of a radius, and the estimate of noise."""
 
 from __future__ import annotations
 
@@ -14,20 +14,23 @@ if TYPE_CHECKING:
 
 __all__ = ["compared_work", "curvature_kernels"]
 
-MAX_RINGS = 1e9  # of a ball, in edge lengths; its square is a number
-BALL_SEARCH, VERTICES_PER_SQUARED_RING = 30.0, 4.15  # of a ball on a sphere
-CLIPPED_PER_RING, FACES_PER_SQUARED_RING = 15.3, 7.3  # of a ball on a sphere
-MEASURED_RINGS = 3.0  # of balls that clip faces
-COMPARED_RINGS = (2.0, 4.0)  # of those of a comparison
-# kinds of noise over which normals are averaged; the balls of fits grow until they err more than smaller ones
+# A "ring" is a radius of a ball in mean edge lengths.
+MAX_RINGS = 1e9  # limit whose square does not overflow
+# search for a ball (in vertices that cost as much), and vertices per squared ring, on a sphere
+BALL_SEARCH, VERTICES_PER_SQUARED_RING = 30.0, 4.15
+CLIPPED_PER_RING, FACES_PER_SQUARED_RING = 15.3, 7.3  # faces clipped by a ball and inside it, on a sphere
+MEASURED_RINGS = 3.0  # radius of the measured kernel that clips faces
+COMPARED_RINGS = (2.0, 4.0)  # radii in a comparison
+# Kinds of noise for which normals are averaged. The balls of fits grow until their error exceeds that of
+# smaller ones.
 AVERAGED_NOISE = ("voxels", "rounded", "grid", "spikes", "noise")
 WIDE_FITS_RANGE: Range = (0.3, 1.6)
-UNEVEN_RANGE: Range = (0.3, 5.0)  # what a hundred balls show of smoothed stairs, four hundred confirm
-EVEN_RANGE: Range = (0.02, 1.6)  # two balls show most details
-MEASURED_PAIRS_OF_WIDEST = 2.0  # in all balls over those in the widest, where each has twice as many
-LEAST_OFFSET_SHARE = 7.0  # faces of an offset body: each, and four of each edge at least
+UNEVEN_RANGE: Range = (0.3, 5.0)  # a result of 100 balls on smoothed stairs is confirmed by 400 balls
+EVEN_RANGE: Range = (0.02, 1.6)  # two radii suffice to recognise most details
+MEASURED_PAIRS_OF_WIDEST = 2.0  # vertices in balls of all radii over those at the largest, in the measurement
+LEAST_OFFSET_SHARE = 7.0  # least number of faces of an offset body per face: one, and four per edge
 NOISY_RANGE: Range = (0.1, 3.0)
-AUTO_RINGS = 4.0  # of the radius that balances noise and bias
+AUTO_RINGS = 4.0  # assumed radius that balances noise and bias
 
 
 def curvature_kernels(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
@@ -58,7 +61,7 @@ def curvature_kernels(options: Mapping[str, Any], size: InputSize) -> Iterator[U
 
 
 def _noise_search(scheme: str, radius: Any, size: InputSize, *, averages: bool) -> Iterator[Use]:
-    """Fits in balls around some vertices, and where they show noise averages of normals; in pairs of both."""
+    """Kernels of the noise estimate: fits in balls around some vertices, and averaged normals."""
     from ddgcli.algorithms.curvature import noise_estimate
 
     n, pairs, noise = 0.5 * size.elements, size.curvature.fitted_pairs, size.curvature.noise
@@ -78,26 +81,26 @@ def _noise_search(scheme: str, radius: Any, size: InputSize, *, averages: bool) 
 
 
 def compared_work(mesh: TriangleMesh) -> float:
-    """Work of clipping faces by the balls of a comparison over that on a sphere with edges alike."""
+    """Work of clipping faces by the balls of a comparison, over that on a sphere with equal edges."""
     edge = float(mesh.side_length.mean())
     own = sum(ball_work(mesh, rings * edge, CLIPPING_SCHEMES[0]) for rings in COMPARED_RINGS)
     return own / (mesh.n_vertices * sum(map(_work_on_sphere, COMPARED_RINGS)))
 
 
 def _work_on_sphere(rings: float) -> float:
-    """Work of clipping faces by a ball of so many edges on a sphere."""
+    """Work of clipping faces by a ball with a radius of `rings` edges on a sphere."""
     return clipping_work(CLIPPED_PER_RING * rings, FACES_PER_SQUARED_RING * rings**2)
 
 
 def _ball_work(radius: float, size: InputSize) -> float:
-    """Pairs of a ball and a vertex in it; unless counted, those of a sphere with edges alike."""
+    """Number of pairs of a ball and a vertex in it; if not counted, that on a sphere with equal edges."""
     if size.curvature.ball_work is not None:
         return size.curvature.ball_work
     return 0.5 * size.elements * (BALL_SEARCH + _in_ball(radius, size))
 
 
 def _clipping_share(radius: float, size: InputSize) -> float:
-    """Work of clipping faces by balls over that of balls of three edges on a sphere."""
+    """Work of clipping faces by balls, over that of balls with a radius of three edges on a sphere."""
     measured = _work_on_sphere(MEASURED_RINGS)
     if size.curvature.ball_work is not None:
         return size.curvature.ball_work / (0.5 * measured * max(size.elements, 1))
@@ -107,6 +110,6 @@ def _clipping_share(radius: float, size: InputSize) -> float:
 
 
 def _in_ball(radius: float, size: InputSize) -> float:
-    """Vertices in a ball on a surface with edges alike, no more than it has."""
+    """Vertices in a ball on a surface with equal edges, limited to those of the surface."""
     rings = min(radius / (size.curvature.edge_length or 1.0), MAX_RINGS)
     return min(VERTICES_PER_SQUARED_RING * rings**2, size.elements)

@@ -1,4 +1,4 @@
-"""Facts of the curves that `geodesic` draws: how many and how long they are."""
+"""Numbers and lengths of the curves that `geodesic` traces, on which its cost depends."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def has_curves(options: Mapping[str, Any]) -> bool:
 
 
 def curve_facts(mesh: TriangleMesh, options: Mapping[str, Any]) -> GeodesicFacts:
-    """Facts that curves on a surface depend on."""
+    """Properties on which the cost of curves on a surface depends."""
     from ddgcli.cli.forecast.mesh_facts import crossings_per_length, mean_chord
 
     n_legs, length = way_point_legs(mesh, options)
@@ -63,9 +63,9 @@ def way_point_legs(mesh: TriangleMesh, options: Mapping[str, Any]) -> tuple[int,
 
 
 def field_facts(mesh: TriangleMesh, values: NDArray, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Fields of `GeodesicFacts` that integral curves of vectors depend on: their length, and fixed steps.
+    """Fields of `GeodesicFacts` for integral curves: their length, and the number of fixed steps.
 
-    None of a field that the run refuses.
+    Empty for an invalid field, which is an error of the run.
     """
     import numpy as np
 

@@ -1,6 +1,6 @@
-"""Facts of an input that single commands depend on: one dataclass a command, each a part of `InputSize`.
+"""Properties of an input (facts) on which the cost of single commands depends, one dataclass per command.
 
-The defaults are those of an input about which nothing is known.
+They are members of `InputSize`. The defaults are assumptions about an unknown input.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ __all__ = [
 
 @dataclass(frozen=True)
 class CurvatureFacts:
-    """Facts that `curvature` depends on.
+    """Properties on which the cost of `curvature` depends.
 
     Parameters
     ----------
@@ -29,13 +29,13 @@ class CurvatureFacts:
     ball_work : float, optional
         Pairs of a ball with a vertex or face within the radius.
     noise : str
-        Kind of the noise of the vertices that a run searches, '' of none.
+        Kind of noise for which the run fits balls; '' for none.
     fitted_pairs : tuple of float
-        Vertices in the balls of a radius that the search for noise fits, for each radius.
+        Number of vertices in the balls that the noise estimate fits, for each radius.
     sheared : bool
         Whether a run tries the neighbours of the Delaunay triangulation.
     offset_faces : int, optional
-        Of an offset body.
+        Number of faces of an offset body.
     """
 
     edge_length: float | None = None
@@ -48,24 +48,23 @@ class CurvatureFacts:
 
 @dataclass(frozen=True)
 class DelaunayFacts:
-    """Facts that `delaunay` depends on.
+    """Properties on which the cost of `delaunay` depends.
 
     Parameters
     ----------
     angle_deficit : float, optional
-        Sum over the faces of 1 - (smallest angle / angle of --refine), where that is positive.
+        Sum over the faces of max(0, 1 - smallest angle / angle of --refine).
     angle_contrast : float, optional
         Sum over the edges of the differences of log(smallest angle) between their faces, where the angles are
         at most that of --refine.
     corridor_aspect : float
-        Sum of the aspects beyond that of --refine over the faces between two pieces of the boundary.
+        Sum of the aspect ratios above that of --refine, over faces between two pieces of the boundary.
     most_points : float
         Steiner points at which --refine stops without --max-points.
     crossings_per_root_face : float
-        Crossings of the edges with those of another triangulation, over the root of the number of its faces.
+        Crossings of the edges with those of another triangulation, over the square root of its face count.
     further_overlay_faces : int
-        Of the common subdivision of the mesh and its intrinsic Delaunay triangulation, beyond those of the
-        mesh.
+        Faces of the common subdivision with the intrinsic Delaunay triangulation minus those of the mesh.
     """
 
     angle_deficit: float | None = None
@@ -83,11 +82,11 @@ class EdgePaths:
     Parameters
     ----------
     total, longest : float
-        Edges of all paths and of the longest; a path counts at least as many as it is mean lengths long.
+        Edges of all paths and of the longest; at least the length of a path over the mean edge length.
     reach_all : bool
-        Whether there is one from each vertex.
+        Whether there is a path from each vertex.
     windows : float, optional
-        Of exact distances, by those of the vertices nearest to the sources.
+        Windows of exact distances, extrapolated from the vertices nearest to the sources.
     longest_length, target_length : float, optional
         Length of the longest path, and mean length of those to the targets of shortest paths.
     """
@@ -102,28 +101,28 @@ class EdgePaths:
 
 @dataclass(frozen=True)
 class GeodesicFacts:
-    """Facts that `geodesic` depends on: paths from the sources, and the curves that it draws.
+    """Properties on which the cost of `geodesic` depends: paths from the sources, and curves.
 
     Parameters
     ----------
     paths, paths_of_one : EdgePaths, optional
-        From all sources together, and from the first alone.
+        Paths from all sources together, and from the first source alone.
     crossings_per_length : float
         Edges that a straight line of unit length crosses.
     mean_chord : float
         Mean length of straight lines from boundary to boundary.
     starts_at_boundary : bool
-        The first source is a vertex of the boundary.
+        Whether the first source is a boundary vertex.
     total_edge_length, extent : float
-        Of the mesh; half the diagonal of its bounding box.
+        Total length of the edges, and half the diagonal of the bounding box.
     n_legs : int
         Pairs of successive way-points of straightened and edge paths.
     leg_length : float
-        Mean distance in space between both.
+        Mean distance in space of such a pair.
     field_length : float, optional
-        Length of an integral curve in its time.
+        Length of an integral curve.
     field_steps : int, optional
-        Its fixed steps.
+        Number of fixed steps of an integral curve.
     """
 
     paths: EdgePaths | None = None
@@ -141,14 +140,14 @@ class GeodesicFacts:
 
 @dataclass(frozen=True)
 class LaplacianFacts:
-    """Facts that `laplacian` depends on.
+    """Properties on which the cost of `laplacian` depends.
 
     Parameters
     ----------
     signature_pairs : int
         Eigenpairs of heat kernel signatures.
     n_components, equal_components : int
-        Connected components, and the most that are alike.
+        Number of connected components, and largest number of equal ones.
     compactness : float
         Boundary faces of a cube of as many tetrahedra over those of the solid, at most 1: thin solids have
         small separators.
@@ -162,14 +161,14 @@ class LaplacianFacts:
 
 @dataclass(frozen=True)
 class TradeoffFacts:
-    """Facts that `tradeoff` depends on, beside those of the compared command.
+    """Properties on which the cost of `tradeoff` depends, besides those of the compared command.
 
     Parameters
     ----------
     ball_work : float
-        Seconds of the rows with balls over those on a sphere.
+        Seconds of the rows with balls, over those on a sphere.
     share : float
-        Share of the faces that all rows would have within the budget.
+        Fraction of the faces for which all rows would fit into the time budget.
     """
 
     ball_work: float = 1.0

@@ -94,7 +94,7 @@ def geodesic_kernels(options: Mapping[str, Any], size: InputSize) -> Iterator[Us
 
 
 def _curve_kernels(options: Mapping[str, Any], facts: GeodesicFacts) -> Iterator[Use]:
-    """Curves, and their points: `lines` of level lines and rays, `others` of all other curves."""
+    """Kernels of curves; `lines` are points of level lines and rays, `others` those of other curves."""
     lines = others = 0.0
     if targets := len(options.get("path_to") or ()):
         crossings = _path_length(facts) * facts.crossings_per_length
@@ -228,7 +228,7 @@ def _count(vertices: Any) -> int:
 
 
 def _wavefront_share(method: str, paths: EdgePaths | None, n_faces: int) -> float:
-    """Work of a propagation over that on a sphere of as many faces, where the kernels are measured."""
+    """Work of a propagation, over that on a sphere with as many faces, where kernels were measured."""
     if paths is None or method not in PROPAGATION_WORK:
         return 1.0
     root = math.sqrt(n_faces)

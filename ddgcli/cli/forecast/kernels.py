@@ -78,7 +78,7 @@ def kernels_of(
     full, energies : bool
         Whether a run of `curvature` computes more arrays than its short summary shows, and all integrals.
     pixels : int
-        Of a picture.
+        Number of pixels of a picture.
     """
     if command == "frames":
         uses = _picture(size, pixels, size.frame_count) if options.get("pictures") else []

@@ -1,4 +1,4 @@
-"""Facts of a mesh that decide how long a command takes on it, each within milliseconds."""
+"""Properties of a mesh on which the time of commands depends, each computed within milliseconds."""
 
 from __future__ import annotations
 
@@ -38,24 +38,24 @@ __all__ = [
     "signature_pairs",
 ]
 
-SAMPLED_BALLS, SAMPLED_POINTS = 200, 50_000  # of a mesh, for the number of vertices in balls
-COUNTED_BALLS = 24  # of each radius that the search for noise may fit
-SAMPLED_BLOCKS, BALLS_PER_BLOCK = 6, 120  # of consecutive vertices: their balls grow together
-SAMPLED_PAIRS = 1e6  # of balls and vertices
+SAMPLED_BALLS, SAMPLED_POINTS = 200, 50_000  # sample for the number of vertices in balls
+COUNTED_BALLS = 24  # sampled balls for each radius of the noise estimate
+SAMPLED_BLOCKS, BALLS_PER_BLOCK = 6, 120  # sampled blocks of consecutive vertices, whose balls are one search
+SAMPLED_PAIRS = 1e6  # largest number of pairs of a sampled ball and a vertex in it
 CLIPPING_SCHEMES = ("corrected", "normal-cycle")
 SEARCH_OF_BALL = 30.0  # vertices in a ball that cost as much as the search for it
 CURVE_SOURCES = ("source_edges", "source_boundary")
-POINTS_OF_MEASURED_FACE = 2.1  # of offset bodies of spheres: each arc has one step
-SAME_AREA_DECIMALS = 6  # of the logarithm
-LEAST_ANGLE = 1e-9  # of a face, relative to that of a refinement
-PICTURE_PIXELS = (1290, 1050)  # without a colour bar; only their ratio counts
-CLIPS_PER_BALL, CLIPS_PER_FACE_INSIDE = 27.0, 0.035  # clipped faces that cost as much
+POINTS_OF_MEASURED_FACE = 2.1  # points per face on offset bodies of spheres, where each arc has one step
+SAME_AREA_DECIMALS = 6  # decimals of the logarithms of equal areas
+LEAST_ANGLE = 1e-9  # smallest angle of a face, relative to that of the refinement
+PICTURE_PIXELS = (1290, 1050)  # size without a colour bar; only the aspect ratio matters
+CLIPS_PER_BALL, CLIPS_PER_FACE_INSIDE = 27.0, 0.035  # cost of a ball and of a face inside, in clipped faces
 
 
 def noise_of_vertices(mesh: TriangleMesh, scheme: str) -> tuple[str, tuple[float, ...]]:
-    """Kind of the noise that fits at some vertices show, '' of none, and vertices in the balls of its search.
+    """Kind of noise ('' for none), and number of vertices in the balls of the noise estimate for each radius.
 
-    The first step of the run's own search, and for each radius of the balls that it may fit their vertices.
+    The kind is that of the first step of the run's own estimate.
     """
 
     from ddgcli.algorithms.curvature.deviation import vertex_deviation
@@ -93,7 +93,7 @@ def has_sheared_fits(mesh: TriangleMesh) -> bool:
 
 
 def _unit_surface(mesh: TriangleMesh) -> tuple[TriangleMesh | None, float]:
-    """The surface that curvature measures, oriented and of unit extent, and its extent; None without one."""
+    """The surface that `curvature` measures (oriented, of unit extent) or None, and the original extent."""
     import numpy as np
 
     from ddgcli.mesh.repair import faces_to_turn, reverse_faces
@@ -107,9 +107,9 @@ def _unit_surface(mesh: TriangleMesh) -> tuple[TriangleMesh | None, float]:
 
 
 def angle_deficit(mesh: TriangleMesh | IntrinsicMesh, degrees: float) -> float:
-    """Sum over the faces of 1 - (smallest angle / degrees), where that is positive.
+    """Sum over the faces of max(0, 1 - smallest angle / degrees).
 
-    The faces are those of an intrinsic Delaunay triangulation, which a refinement starts from.
+    The mesh is the intrinsic Delaunay triangulation from which a refinement starts.
     """
     return float((1.0 - _small_angles(mesh, degrees)).sum())
 
@@ -125,10 +125,10 @@ def angle_contrast(mesh: TriangleMesh | IntrinsicMesh, degrees: float) -> float:
 
 
 def corridor_aspect(mesh: TriangleMesh | IntrinsicMesh, degrees: float) -> float:
-    """Sum of the aspects beyond that of an angle over the faces between two pieces of the boundary.
+    """Sum of the aspect ratios above that of an angle, over the faces between two pieces of the boundary.
 
-    There points cannot grade: a strip of a length and a width needs as many as its length over its width. At
-    a sharp corner of the boundary they can.
+    Between them point spacing cannot grow: a strip needs as many points as its length over its width. At a
+    sharp corner of the boundary it can, so such faces do not count.
     """
     import numpy as np
 
@@ -174,16 +174,16 @@ def crossings_per_root_face(mesh: TriangleMesh | IntrinsicMesh) -> float:
 
 
 def delaunay_mesh(mesh: TriangleMesh | IntrinsicMesh) -> tuple[TriangleMesh | IntrinsicMesh, int]:
-    """The intrinsic Delaunay triangulation, and how many faces its overlay has beyond those of the mesh.
+    """The intrinsic Delaunay triangulation, and the number of faces of its overlay minus those of the mesh.
 
-    The mesh itself where the run refuses it.
+    The mesh itself if it is invalid, which is an error of the run.
     """
     from contextlib import suppress
 
     from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
     from ddgcli.errors import InputError, without_warnings
 
-    with without_warnings(), suppress(InputError):  # which the run itself gives
+    with without_warnings(), suppress(InputError):  # the run itself reports both
         flipped = flip_to_delaunay(mesh, track=True)
         crossings = 0 if flipped.crossings is None else int(flipped.crossings.clip(min=0).sum())
         return flipped.mesh, crossings  # of both sides of each edge: two faces for each crossing
@@ -238,7 +238,7 @@ def clipping_work(clipped: float, inside: float) -> float:
 
 
 def edge_paths(mesh: TriangleMesh, options: Mapping[str, Any]) -> tuple[EdgePaths, EdgePaths]:
-    """Edge paths from the sources of `geodesic` together, and from the first of them alone."""
+    """Edge paths from all sources of `geodesic` together, and from the first source alone."""
     import numpy as np
     from scipy.sparse.csgraph import dijkstra
 
@@ -258,9 +258,9 @@ def edge_paths(mesh: TriangleMesh, options: Mapping[str, Any]) -> tuple[EdgePath
             for unweighted in (True, False)
         )
         reached = np.isfinite(count)
-        # small faces between large ones count by their length, stretched faces by their number
+        # small faces among large ones count by length, stretched faces by number
         edges = np.maximum(count[reached], length[reached] / mean_length)
-        windows = None  # not of curves, from which strips start
+        windows = None  # not known for curves, from which strips start
         if options.get("method", "exact") == "exact" and not any(map(options.get, CURVE_SOURCES)):
             windows = predicted_windows(mesh, check_sources(mesh, vertices), int(reached.sum()))
         at_targets = length[targets][np.isfinite(length[targets])]
@@ -303,7 +303,7 @@ def crossings_per_length(mesh: TriangleMesh | IntrinsicMesh) -> float:
 def mean_chord(mesh: TriangleMesh | IntrinsicMesh) -> float:
     """Mean length of straight lines from boundary to boundary, by Santalo's formula; inf without boundary.
 
-    It holds for disks that no line stays in; handles and bulges make lines longer.
+    It holds for disks from which every line exits; handles and bulges make lines longer.
     """
     from ddgcli.geometry.intrinsic import face_area
 
@@ -364,7 +364,7 @@ def compactness(mesh: TetMesh) -> float:
 
 
 def component_counts(mesh: TriangleMesh | IntrinsicMesh) -> tuple[int, int]:
-    """Number of components with faces, and the most of them that have as many faces of the same area."""
+    """Number of components with faces, and largest number of them with equal face counts and areas."""
     import numpy as np
 
     from ddgcli.geometry.intrinsic import face_area
@@ -382,7 +382,7 @@ def component_counts(mesh: TriangleMesh | IntrinsicMesh) -> tuple[int, int]:
 
 
 def hole_triangles(mesh: TriangleMesh | IntrinsicMesh, most_edges: int) -> float:
-    """Triangles of three vertices of one boundary loop, of all loops of at most so many edges."""
+    """Number of vertex triples of a boundary loop, summed over the loops of at most `most_edges` edges."""
     import numpy as np
 
     from ddgcli.mesh.components import connected_labels
@@ -394,9 +394,9 @@ def hole_triangles(mesh: TriangleMesh | IntrinsicMesh, most_edges: int) -> float
 
 
 def offset_faces(mesh: TriangleMesh, options: Mapping[str, Any]) -> int | None:
-    """Faces of the offset body of a smooth surface with as many points; None where the run refuses it.
+    """Estimated number of faces of an offset body from its number of points; None if the run is an error.
 
-    Points are counted before they are merged: short arcs have two for each face, long ones fewer.
+    Points are counted before they are merged: short arcs have two per face, long ones fewer.
     """
     from ddgcli.algorithms.curvature.offset_body import check_offset
     from ddgcli.errors import InputError
@@ -409,9 +409,9 @@ def offset_faces(mesh: TriangleMesh, options: Mapping[str, Any]) -> int | None:
 
 
 def picture_share(mesh: TriangleMesh) -> float:
-    """Share of a picture that shows a surface, by its area seen from the side that the picture looks from.
+    """Fraction of a picture that shows the surface, from its projected area in the view of the picture.
 
-    Half of a closed surface is behind the other; folds hide more.
+    Half of a closed surface is behind the other half; folds hide more.
     """
     import numpy as np
 

@@ -1,4 +1,4 @@
-"""Prediction of peak memory and seconds, and the refusal of what cannot fit."""
+"""Prediction of peak memory and seconds, and the error for runs that do not fit into memory."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ __all__ = [
     "with_measured_steps",
 ]
 
-UNCERTAINTY = 0.5  # relative, of a prediction
-# kernels whose factors fill up: share of their cost that grows with the logarithm of a component
+UNCERTAINTY = 0.5  # relative uncertainty of a prediction
+# kernels with fill-in: fraction of their cost that grows with the logarithm of the size of a component
 FILLED, FILL_SHARE, FILL_ELEMENTS = (
     (
         "shell-sim implicit step",
@@ -42,7 +42,7 @@ FILLED, FILL_SHARE, FILL_ELEMENTS = (
     0.53,
     1e5,
 )
-STEP_KERNELS = (" step", " search")  # ends of their names
+STEP_KERNELS = (" step", " search")  # suffixes of the names of kernels that are repeated in each step
 N_PROBES = 10
 MIB = 2.0**20
 
@@ -112,7 +112,7 @@ def predict(
 
 
 def with_divided_steps(prediction: Prediction, count: float) -> Prediction:
-    """The prediction where each step takes `count` of those that the kernels have measured."""
+    """The prediction if each step is divided into `count` parts."""
     return _with_scaled_steps(prediction, count, count)
 
 
@@ -122,7 +122,7 @@ def seconds_of_steps(prediction: Prediction) -> float:
 
 
 def with_measured_steps(prediction: Prediction, seconds: float) -> Prediction:
-    """The prediction where all steps together take these seconds."""
+    """The prediction with a measured time of all steps."""
     by_table = seconds_of_steps(prediction)
     return _with_scaled_steps(prediction, 1.0, seconds / by_table) if by_table else prediction
 
@@ -133,7 +133,7 @@ def seconds_of_equilibria(prediction: Prediction) -> float:
 
 
 def with_measured_equilibria(prediction: Prediction, seconds: float, unknown: Range = KNOWN) -> Prediction:
-    """The prediction whose iterations to equilibria take these seconds in all, within a range."""
+    """The prediction with a measured time of all iterations to equilibria, and its uncertainty range."""
     by_table = seconds_of_equilibria(prediction)
     if not by_table:
         return prediction
@@ -245,14 +245,14 @@ def probe() -> float:
 
 
 def fits(prediction: Prediction, certainly: bool = True) -> bool:
-    """Whether a run fits into the available memory; not `certainly`: at the low end of its prediction."""
+    """Whether a run fits into the available memory, `certainly` or at the low end of its prediction."""
     further = prediction.peak_mib - prediction.read_mib
     required = further * MIB / (1.0 if certainly else 1 + UNCERTAINTY)
     return required <= available_memory(enough=required)
 
 
 def refuse_without_memory(prediction: Prediction, what: str, remedy: str) -> None:
-    """Raise ParameterError for a run that cannot fit: even the low end of the prediction is too much."""
+    """Raise ParameterError for a run that does not fit into memory even at the low end of its prediction."""
     if not fits(prediction, certainly=False):
         available = available_memory() / MIB
         raise ParameterError(
@@ -278,7 +278,7 @@ def as_results(prediction: Prediction, size: InputSize) -> dict[str, Any]:
 
 
 def as_text(results: Mapping[str, Any], full: bool) -> list[str]:
-    """Lines of the summary of a dry run, with the kernels if `full`; none if a batch accepts no run."""
+    """Summary lines of a dry run, with the kernels if `full`; empty if a batch has no valid run."""
     if "seconds" not in results:
         return []
     low, high = results.get("seconds_range") or 2 * (results["seconds"],)
@@ -295,7 +295,7 @@ def as_text(results: Mapping[str, Any], full: bool) -> list[str]:
 
 
 def _two_digits(seconds: float) -> str:
-    """Seconds with two digits other than 0, without a power of ten from 100 on."""
+    """Seconds with two significant digits, never in scientific notation above 100."""
     rounded = float(f"{seconds:.2g}")
     return f"{rounded:,.0f}" if rounded >= 100 else f"{rounded:.2g}"
 

@@ -11,40 +11,44 @@ from ddgcli.cli.forecast.use import KNOWN, InputSize, Range, Use
 
 __all__ = ["curve_flow_kernels", "expected_steps", "fluid_kernels", "shell_kernels", "willmore_kernels"]
 
-# iterations to an equilibrium, and to one after a further load step: stiff parts need few, cloth many
+# iterations to the first equilibrium, and to the next after a load step: stiff shells need few, cloth many
 ITERATIONS_TO_REST, REST_RANGE = 120, (0.06, 8.0)
 ITERATIONS_PER_LOAD_STEP, LOAD_STEP_RANGE = 30, (0.1, 3.0)
-TIMED_RANGE: Range = (0.7, 20.0)  # steps that raise the energy are divided again and again
-# steps of a flow that ends at rest, and their range; curve flows end after 2,000 by default
+TIMED_RANGE: Range = (0.7, 20.0)  # steps that increase the energy are divided repeatedly
+# steps of a flow to rest, and their range; curve flows end after 2,000 steps by default
 FLOW_STEPS: dict[str, tuple[int, Range]] = {
     "willmore-flow": (100, (0.01, 10.0)),
     "curve-flow": (1000, (0.01, 2.0)),
 }
-TRIED_STEPS = 3  # of an adaptive step: one, and two of half its length
-ADAPTIVE_RANGE: Range = (1.0, 10.0)  # adaptive steps of a frame
-CONTACT_STEPS = 2.7  # steps without contact that cost as much as one with it, for its Newton iterations
-CONTACT_RANGE: Range = (0.15, 4.0)  # before contact none; a stiff sheet that has struck something needs many
-PAIRS_RANGE: Range = (0.3, 8.0)  # of contact between shells: those that strike each other iterate longest
-# of contact where nothing resists stretching: triangles collapse, and steps are divided into hundreds
+TRIED_STEPS = 3  # steps per adaptive step: one, and two of half its length
+ADAPTIVE_RANGE: Range = (1.0, 10.0)  # adaptive steps per frame
+CONTACT_STEPS = 2.7  # cost of a step with contact in steps without, due to more Newton iterations
+# few iterations before contact; a stiff sheet at an impact needs many
+CONTACT_RANGE: Range = (0.15, 4.0)
+PAIRS_RANGE: Range = (0.3, 8.0)  # contact between shells: impacts need the most iterations
+# contact without resistance to stretching: triangles collapse, and steps are divided into hundreds
 LIMP_CONTACT_RANGE: Range = (0.15, 400.0)
-DAMPED_EXPLICIT_STEPS = 2.5  # steps without damping by stiffness that cost as much as one with it
-# Newton iterations of the steps of a motion from rest grow with the cube root of their number, up to that one
+DAMPED_EXPLICIT_STEPS = 2.5  # cost of an explicit step with stiffness damping in steps without
+# Newton iterations per step of a motion from rest grow with the cube root of the step number, up to the
+# second number; the kernels were measured over the first
 MEASURED_STEPS, GROWING_STEPS = 5, 40
-STEPS_PER_ITERATION = 0.5  # one factorisation in place of a factorisation and the moves after it
-DESCENT_RANGE: Range = (0.1, 1.5)  # of --steps, where a flow ends at rest before
-# of `ddgcli.models.willmore.remesh_step`, which would load its imports; uneven triangles take more rounds
+STEPS_PER_ITERATION = 0.5  # an iteration is a factorisation, a step a factorisation and further moves
+DESCENT_RANGE: Range = (0.1, 1.5)  # over --steps: a flow may reach rest earlier
+# values of `ddgcli.models.willmore.remesh_step`, which would load its imports; uneven triangles take more
+# rounds
 REMESHING_INTERVAL, MAX_REMESHES = 5, 30
-ENERGIES_OF_OWN_TRIANGLES = ("hinge", "quadratic")  # whose flows neither flip nor slide
-IMPROVEMENT_RANGE: Range = (0.1, 1.6)  # of triangles before the first step
+ENERGIES_OF_OWN_TRIANGLES = ("hinge", "quadratic")  # their flows neither flip edges nor slide vertices
+IMPROVEMENT_RANGE: Range = (0.1, 1.6)  # improvement of the triangles before the first step
 REMESHING_RANGE: Range = (0.3, 4.0)
 CONFORMAL_RANGE: Range = (0.2, 5.0)
 MEASURED_MODES = 10
-STEPS_WITHOUT_SLIDING = 0.5  # one of two factorisations
-ELASTIC_STEPS = 1.7  # steps of the flow by curvature that cost as much as one of the elastic flow
-# steps of 5 ms to such of 1 ms, whose inertia makes conjugate gradients converge sooner
+STEPS_WITHOUT_SLIDING = 0.5  # cost of a step without sliding: one factorisation instead of two
+ELASTIC_STEPS = 1.7  # cost of a step of the elastic flow, in steps of the curvature flow
+# low end of the range of iterative steps, which were measured at 5 ms: steps of 1 ms have more inertia, so
+# conjugate gradients converge sooner
 MIN_ITERATIVE = 0.08
-CIRCULATION_RANGE: Range = (0.7, 2.5)  # fixed points of a flow that speeds up need more iterations
-NEWTON_RANGE: Range = (0.6, 3.0)  # of implicit steps: Newton iterations, and steps that are rejected
+CIRCULATION_RANGE: Range = (0.7, 2.5)  # fixed points of an accelerating flow need more iterations
+NEWTON_RANGE: Range = (0.6, 3.0)  # implicit steps: Newton iterations, and rejected steps
 
 
 def _step_uses(
@@ -123,10 +127,10 @@ def curve_flow_kernels(options: Mapping[str, Any], size: InputSize) -> Iterator[
 
 
 def shell_kernels(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
-    """A shell scene: integrator, `solver` of the linear systems where one is fixed, and facts of the scene.
+    """Kernels of a shell scene, from its integrator, its linear `solver` if fixed, and its `cost_facts`.
 
-    These are `contact`, `stretching` (an effect resists it), `midedge`, `stiffness_damping`, `modes`,
-    `buckling` and the faces that pairs search, `pair_elements`.
+    The latter are `contact`, `stretching`, `midedge`, `stiffness_damping`, `modes`, `buckling` and
+    `pair_elements`, the number of faces among which contact searches for pairs.
     """
     integrator = options.get("integrator")
     yield Use("shell-sim")

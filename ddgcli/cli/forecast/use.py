@@ -24,31 +24,31 @@ KNOWN: Range = (1.0, 1.0)
 
 @dataclass(frozen=True)
 class InputSize:
-    """Size of an input, and the facts that single commands depend on.
+    """Size of an input, and its properties on which the cost of single commands depends.
 
     Parameters
     ----------
     kind : {'surface', 'tetrahedra', 'curve'}
     elements : int
-        Faces, tetrahedra or points of curves; of several inputs the sum.
+        Number of faces, tetrahedra or points of curves, summed over several inputs.
     steps : int, optional
-        Steps of a simulation, where they are known.
+        Number of steps of a simulation, if known.
     adaptive : bool
-        `steps` counts frames, between which the steps adapt.
+        Whether `steps` counts frames, between which the steps are adaptive.
     frame_count : int
         Frames that are written or drawn.
     component_elements : int, optional
         Elements of the largest connected component; default all.
     picture_share : float
-        Of the pixels of a picture, those that show the surface.
+        Fraction of the pixels of a picture that show the surface.
     n_curves : int
-        Of `curve-flow`.
+        Number of curves of `curve-flow`.
     betti_number : int
-        Of the harmonic fields of `hodge`.
+        Number of harmonic fields of `hodge`.
     hole_triangles : float
         Triangles among which `repair` chooses the fillings of the holes.
     curvature, delaunay, geodesic, laplacian, tradeoff
-        Facts of these commands.
+        Properties on which the cost of these commands depends.
     """
 
     kind: str
@@ -68,11 +68,11 @@ class InputSize:
     tradeoff: TradeoffFacts = TradeoffFacts()
 
     def with_curvature(self, **facts: Any) -> InputSize:
-        """A copy with other facts of `curvature`."""
+        """A copy with other values for `curvature`."""
         return replace(self, curvature=replace(self.curvature, **facts))
 
     def with_geodesic(self, **facts: Any) -> InputSize:
-        """A copy with other facts of `geodesic`."""
+        """A copy with other values for `geodesic`."""
         return replace(self, geodesic=replace(self.geodesic, **facts))
 
 
@@ -108,5 +108,5 @@ class Use:
 
 
 def iterative_suffix(options: Mapping[str, Any]) -> str:
-    """End of the names of kernels that solve linear systems, by the solver: nothing for factorisations."""
+    """Suffix of the names of kernels that solve linear systems iteratively; "" for factorisations."""
     return f" {options['solver']}" if options.get("solver") in ITERATIVE_SOLVERS else ""

@@ -65,7 +65,7 @@ class SceneCall:
     resume : str, optional
         The .part to continue.
     effect_lines : tuple of str
-        Of the quick form.
+        Lines of effects in the quick form.
     list_effects, schema : bool
         Print this instead of running.
     """

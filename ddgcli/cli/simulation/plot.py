@@ -36,7 +36,7 @@ class Picture:
     label : str
         Beside the colour bar.
     limits : (float, float), optional
-        Of the colours; default: robust limits over the frames.
+        Limits of the colours; default: robust limits over the frames.
     edges : bool
         Draw the edges too.
     shown : (m,) ndarray of bool, optional
