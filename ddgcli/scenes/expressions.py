@@ -105,7 +105,7 @@ def parse(text: str, variables: tuple[str, ...] = ("x", "y", "z")) -> ast.expr:
 
 
 def _unit_hint(text: str, variables: tuple[str, ...]) -> str:
-    """What to write for a number or expression with a unit at its end, or ""."""
+    """Corrected form of a number or expression that ends with a unit, or ""."""
     match = _NUMBER_WITH_UNIT.search(text)
     if match is not None and match[2] not in (*variables, "t"):
         factor = _unit_factor(match[2])

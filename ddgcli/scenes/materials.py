@@ -31,7 +31,7 @@ def filled(values: dict[str, Any]) -> dict[str, Any]:
     Parameters
     ----------
     values : dict
-        Of the section.
+        Values of the section.
 
     Returns
     -------
@@ -58,7 +58,7 @@ def usable_stiffness(value: float, name: str, unit: str, keys: str) -> float:
     value : float
         Computed from the material or written.
     name, unit : str
-        Of the stiffness.
+        Name and unit of the stiffness.
     keys : str
         Keys that it follows from.
 

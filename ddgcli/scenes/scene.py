@@ -49,7 +49,7 @@ class ObjectSection(Section):
 
 @dataclass(frozen=True)
 class SceneKind:
-    """What one simulator's scenes may hold.
+    """Schema of the scenes of one simulator: its objects, integrators and effects.
 
     Parameters
     ----------

@@ -19,7 +19,7 @@ class Section(BaseModel):
 
 
 class Document(Protocol):
-    """What `io.scene_file` reads."""
+    """A scene document as `io.scene_file` reads it."""
 
     @property
     def data(self) -> dict[str, Any]: ...
@@ -138,7 +138,7 @@ def _sentence(mistake: Any, loc: Key, model: type[BaseModel], where: str) -> str
 
 
 def _description(model: type[BaseModel], loc: Key) -> str:
-    """Of the key at `loc`, "" within arrays and where it has none."""
+    """Description of the key at `loc`; "" within arrays, and for keys without one."""
     current: Any = model
     text = ""
     for location in loc:

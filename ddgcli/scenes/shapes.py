@@ -194,7 +194,7 @@ class PlacedMesh:
     vertex : dict of str to ndarray
         Arrays that the mesh file carried.
     sha256 : str
-        Of the mesh file; "" for a shape made here.
+        SHA-256 of the mesh file; "" for a generated shape.
     face : dict of str to ndarray
         As `vertex`, on faces.
     """
@@ -260,7 +260,7 @@ def shape_mesh(section: Any) -> TriangleMesh:
     Parameters
     ----------
     section : object
-        Of the scene.
+        Section of the object in the scene.
 
     Returns
     -------
@@ -407,7 +407,7 @@ def rotation_matrix(axis: Any, angle: float) -> NDArray[np.float64]:
     Parameters
     ----------
     axis : (3,) array_like
-        Of any length but zero.
+        Axis, of any length except zero.
     angle : float
         In radians, counter-clockwise seen against the axis.
 

@@ -1,8 +1,10 @@
 """The time loop, schedules, frames and the accounting of seconds: no physics.
 
-`model` is what a simulator hands over, `time_loop.evolve` advances independent models in lockstep, `effects`
-is the registry of effects, `frames` joins models into one surface, `outcome` collects the results,
-`step_warnings` words those of failed steps.
+`model` is the interface of simulators, `time_loop.evolve` advances independent models in lockstep,
+`recording` runs it and records frames, `failed_steps` has the limits of failed steps and
+`step_warnings` their warnings, `effects` is the
+registry of effects, `frames` joins models into one surface, `outcome` has the results, `account` measures
+seconds.
 """
 
 __all__ = ["account", "effects", "frames", "model", "outcome", "recording", "step_warnings", "time_loop"]

@@ -1,4 +1,4 @@
-"""Calls and seconds of every effect, of the solver, the integrator and the output."""
+"""Account of the calls and seconds of every effect, of the solver, the integrator and the output."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class Account:
     Attributes
     ----------
     check : callable, optional
-        Called before each timer starts; a trial run raises an exception there when its time is over.
+        Called before each timer starts; a trial run raises an exception in it when its time is over.
     """
 
     check: Callable[[], None] | None = None
@@ -26,7 +26,7 @@ class Account:
         self._since = 0.0
 
     def within(self, name: str, calls: int = 1) -> _Timer:
-        """Context manager that books one call (or `calls`) and the time inside it to `name`."""
+        """Context manager that adds one call (or `calls`) and the time inside it to those of `name`."""
         return _Timer(self, name, calls)
 
     def _switch(self) -> None:

@@ -22,8 +22,8 @@ class Effect:
     parameters : type
         A `Section`: the keys it takes, with units, defaults and one line each.
     build : callable
-        `build(parameters, context)` makes what the simulator's models are made of; what `context` and the
-        result are is the simulator's affair (docs/effects.md).
+        `build(parameters, context)` returns terms for the models; the types of `context` and of the terms
+        depend on the simulator (docs/effects.md).
     cost : str
         Cost of a step, in one line.
     roles : tuple of str
@@ -31,12 +31,12 @@ class Effect:
     repeatable : bool
         Whether `[[effects.NAME]]` may occur several times.
     acts_on_all : bool
-        Whether the effect acts on every object of its roles where the scene has several and its key `object`
-        names none; otherwise such a scene is refused.
+        Whether the effect acts on every object of its roles if the scene has several and its key `object`
+        is missing; otherwise such a scene is an error.
     pairs : callable, optional
         `pairs(parameters)`: names of objects that the effect couples, which then move as one system.
     between : callable, optional
-        `between(parameters, contexts)` makes what acts between the objects of such a system.
+        `between(parameters, contexts)` returns terms that act between the objects of such a system.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Runs whose steps fail too often: their limits, and the shorter step that the message names."""
+"""Limits of failed steps in a run, and the shorter step that an error message recommends."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from ddgcli.errors import SolveError
 from ddgcli.simulation.active_model import ActiveModel
 from ddgcli.simulation.model import MAX_HALVINGS, Cause, Schedule, StepRejected
 
-# Rejected steps of a run: some of its steps may need many shorter ones, but if all of them do, the run takes
-# hundreds of times what its scene and its prediction state.
+# Limit of rejected steps in a run, in total plus per step. Some steps may need many shorter ones, but if all
+# do, the run takes hundreds of times as long as its scene and its prediction suggest.
 MAX_REJECTED, MAX_REJECTED_PER_STEP = 200, 30
-MAX_PARTS = 512  # into which steps that fail may be divided, on average over the run
-N_PARTS_OBSERVED = 64  # of a step, after which their number is extrapolated to the whole step
+MAX_PARTS = 512  # parts of a failing step, on average over the run
+N_PARTS_OBSERVED = 64  # parts of a step after which their number is extrapolated to the whole step
 
 
 def step_advice(active: ActiveModel, rejected: StepRejected, dt: float, solvable: float) -> str:
@@ -51,7 +51,7 @@ def largest_solvable(active: ActiveModel, rejected: StepRejected, time: float, d
     ----------
     active : ActiveModel
     rejected : StepRejected
-        Of the step that failed; one beyond a stability limit states how far.
+        Why the step failed; for a stability limit, its value states by how much.
     time, dt : float
 
     Returns
@@ -90,7 +90,7 @@ def check_rejected(active: ActiveModel, step: int, time: float, dt: float) -> No
     Raises
     ------
     SolveError
-        Names a shorter step.
+        With a recommended shorter step.
     """
     if active.n_rejected > MAX_REJECTED + MAX_REJECTED_PER_STEP * step:
         unit, shorter = active.model.time_unit, _shorter_step(active, dt, min(active.smallest, dt / 2))
@@ -110,7 +110,7 @@ def check_parts(active: ActiveModel, schedule: Schedule, step: int, time: float)
     schedule : Schedule
     step : int
     time : float
-        That the parts of the step have reached.
+        Time up to which parts of the step have been taken.
 
     Raises
     ------

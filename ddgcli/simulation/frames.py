@@ -29,7 +29,7 @@ def joined_mesh(meshes: list[Any]) -> tuple[TriangleMesh | TetMesh | CurveSet, n
     mesh : TriangleMesh, TetMesh or CurveSet
         Vertices and cells in order.
     number : (m,) ndarray of int64
-        Index of the object of each cell.
+        Index of the mesh of each cell.
     """
     if isinstance(meshes[0], CurveSet):
         return meshes[0], np.zeros(len(meshes[0].lines), dtype=np.int64)
@@ -47,7 +47,7 @@ def joined_mesh(meshes: list[Any]) -> tuple[TriangleMesh | TetMesh | CurveSet, n
 def joined_frame(snapshot: Snapshot) -> TrajectoryFrame:
     """Trajectory frame of a snapshot: points and arrays of all models in order, scalars added.
 
-    `step_size` is the smallest step so far. A vector of one number is a number, as it is in a file.
+    `step_size` is the smallest step so far. Arrays with a single entry become numbers, as in a file.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def joined_frame(snapshot: Snapshot) -> TrajectoryFrame:
 
 
 def _on_faces(observations: list[Observation]) -> dict[str, np.ndarray]:
-    """Arrays on the faces of all parts; nan where a part has none of a name."""
+    """Face arrays over all objects; nan for objects without an array of that name."""
     shapes = {
         name: values.shape[1:] for observation in observations for name, values in observation.face.items()
     }
@@ -96,7 +96,7 @@ def _on_faces(observations: list[Observation]) -> dict[str, np.ndarray]:
 
 
 def _faces(observations: list[Observation]) -> np.ndarray | None:
-    """Faces of all parts over their points one after another; None where they do not change."""
+    """Faces of all objects over their concatenated points; None if they do not change."""
     faces, first = [], 0
     for observation in observations:
         if observation.faces is None:
@@ -107,7 +107,7 @@ def _faces(observations: list[Observation]) -> np.ndarray | None:
 
 
 def mesh_of_frame(mesh: Any, trajectory_frame: TrajectoryFrame) -> Any:
-    """Mesh of a run as it is in a frame: moved, and with the frame's faces where these change.
+    """Mesh of a run at a frame: with the points of the frame, and with its faces if these change.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ def mesh_of_frame(mesh: Any, trajectory_frame: TrajectoryFrame) -> Any:
 
 
 def _array(observation: Observation, name: str, observations: list[Observation]) -> np.ndarray:
-    """The part's array, or zeros of the same kind where it has none."""
+    """Array of an object, or zeros of the same shape and type if it does not have one."""
     if name in observation.vertex:
         return observation.vertex[name]
     like = next(p.vertex[name] for p in observations if name in p.vertex)

@@ -1,4 +1,4 @@
-"""What a simulator hands to the time loop: models, their observations, the schedule, and failed steps."""
+"""Interface between simulators and the time loop: models, observations, the schedule, failed steps."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ State = TypeVar("State")
 Arrays = dict[str, NDArray]
 
 
-MAX_STEP_COUNT = 1e9  # of a run
-MAX_HALVINGS = 12  # of one step: down to dt / 4096
+MAX_STEP_COUNT = 1e9  # steps of a run
+MAX_HALVINGS = 12  # halvings of one step: down to dt / 4096
 STEP_GROWTH = 1.1  # see `Model.growth`
 
 
@@ -32,7 +32,7 @@ class Cause(StrEnum):
 
 
 class StepRejected(Exception):
-    """Failed step: the loop shortens it or ends the run.
+    """Failed step, which the time loop shortens, or which ends the run.
 
     Parameters
     ----------
@@ -42,9 +42,10 @@ class StepRejected(Exception):
         "vertex 12", "edge 3", or "".
     value : float
     solved : bool
-        The scheme's equations were solved, but the result is rejected: another scheme may take the step.
+        Whether the equations of the step were solved and only the result was rejected; then the fallback of
+        the scheme (`Model.rescue`) is tried.
     halvings : int
-        The step is halved at most so often for this cause.
+        Largest number of halvings of the step for this cause.
     """
 
     def __init__(
@@ -68,9 +69,9 @@ class Ending:
     Parameters
     ----------
     kind : str
-        What programs branch on; each model has its own kinds.
+        Machine-readable kind; each model has its own kinds.
     text : str
-        What users read.
+        Text for users.
     """
 
     kind: str
@@ -79,7 +80,7 @@ class Ending:
 
 @dataclass(frozen=True)
 class Event:
-    """One line of the log."""
+    """Event of a run, such as a failed step; one line of the event log."""
 
     step: int
     time: float
@@ -98,7 +99,7 @@ def rejections(kinds: Iterable[str]) -> int:
     Parameters
     ----------
     kinds : iterable of str
-        Of events.
+        Kinds of the events.
 
     Returns
     -------
@@ -108,7 +109,7 @@ def rejections(kinds: Iterable[str]) -> int:
 
 
 class RunFailed(SolveError):
-    """A step failed, also with shorter steps; `events` are those since the last snapshot."""
+    """Error of a step that failed even after it was shortened; `events` are those since the last snapshot."""
 
     def __init__(self, message: str, events: tuple[Event, ...]) -> None:
         super().__init__(message)
@@ -126,12 +127,12 @@ class Observation:
     scalar : dict of str to float or (k,) ndarray
         Sums over the models of a run (energies, momenta, counts).
     place : int
-        Of the object among those of the scene, where a model has several.
+        Index of the object in the scene, if a model has several objects.
     faces : (m, 3) ndarray of int, optional
-        Where they change during the run, always m of them; then all parts of a run carry theirs.
+        Faces, if they change during the run; their number m is constant. All objects of a run then have them.
     face : dict of str to ndarray of leading length m
     n_faces : int
-        m, where one of the parts of a run has arrays on faces.
+        m, if any object of the run has arrays on faces.
     """
 
     points: NDArray | None
@@ -145,40 +146,41 @@ class Observation:
 
 @dataclass(frozen=True, eq=False)
 class Model(Generic[State]):
-    """One independent system.
+    """One independent system, as functions of its state.
 
     Parameters
     ----------
     start : State
+        Initial state.
     advance : callable (state, time, dt) -> state
         One step; a pure function of its arguments (caches may only save work). Raises StepRejected.
     observe : callable state -> Observation, or dict of str to Observation
-        The dict has the objects that the system consists of.
+        The dict has an observation of each object of the system.
     pack, unpack : callables
-        State to named arrays of fixed shape and back, to the last bit: the checkpoint.
+        Convert a state to named arrays of fixed shape (the checkpoint), and back without rounding.
     largest_step : float
-        Stability limit of the scheme, inf where it has none; longer steps are divided, with a warning.
+        Stability limit of the scheme, or inf; longer steps are divided, with a warning.
     distance : callable (state, state) -> float, optional
         Error measure of adaptive steps, relative to the model's own scale.
     order : int
         Order of the scheme, for adaptive steps.
     stop : callable state -> Ending or None, optional
-        Why the run ends at a state; None while it does not.
+        Reason to end the run at a state, or None.
     clock : callable state -> float, optional
-        Time of a state, for schemes that choose their own steps; else step times dt.
+        Time of a state, for schemes that choose their own steps; by default the step times dt.
     rescue : callable like `advance`, optional
-        Takes a step that `advance` solved and yet rejects, before it is made shorter.
+        Fallback scheme for a step that `advance` has solved and rejected, tried before the step is shortened.
     time_unit : str
-        What messages name after a time.
+        Unit of time in messages.
     advice : callable () -> str, optional
-        What may help after a failed step, where a shorter step does not.
+        Advice after a failed step, for models in which a shorter step does not help.
     growth : float
-        Of the part of a step that is tried, with each that succeeds after one that failed.
+        Factor on the largest part of a step that is tried, after each success that follows a failure.
     usual_step : float
-        Default step: where a longer one fails, the message names it, since one that can be solved may still
-        leap over all changes; inf where there is none.
+        Default step, or inf. If a longer step fails, the message recommends this one, because the longest
+        solvable step may be too long to resolve the motion.
     iterations : callable state -> float, optional
-        Newton iterations until a state, where those of a step grow with the motion.
+        Number of Newton iterations up to a state, for models in which those of a step grow with the motion.
     least_tolerance : callable state -> float, optional
         Smallest tolerance that adaptive steps from a state can meet: rounding of their error measure.
     """
@@ -211,7 +213,7 @@ class Schedule:
     dt : float
         Seconds.
     steps : int
-        Of length dt, to the end of the run.
+        Number of steps of length dt to the end of the run.
     every : int
         Steps from frame to frame.
     tolerance : float, optional
@@ -245,9 +247,9 @@ class Schedule:
 
 
 def parts_of_step(dt: float, limit: float, *, adaptive: bool = False) -> float:
-    """Number of parts of a step above a limit of stability.
+    """Number of parts into which a step above the stability limit is divided.
 
-    Fixed steps are halved again and again, adaptive ones cut into equal parts.
+    Fixed steps are halved repeatedly, adaptive ones are divided into equal parts.
 
     Parameters
     ----------
@@ -269,11 +271,11 @@ def flow_schedule(options: Mapping[str, Any], own_step: float, *, max_steps: int
     Parameters
     ----------
     options : mapping
-        Seconds and counts; None or absent where not chosen.
+        Values in seconds, and counts; None or absent if not set.
     own_step : float
-        Step of the flow where none is chosen; at least duration / max_steps, at most duration / n_frames.
+        Default step of the flow; it is limited to between duration / max_steps and duration / n_frames.
     max_steps, n_frames : int
-        Without steps and duration; of a run without `frame_every`.
+        Number of steps without `steps` and `duration`; number of frames without `frame_every`.
 
     Returns
     -------
@@ -282,8 +284,8 @@ def flow_schedule(options: Mapping[str, Any], own_step: float, *, max_steps: int
     Raises
     ------
     ParameterError
-        A time that is not positive, a tolerance without a duration, a step longer than the duration, or more
-        than MAX_STEP_COUNT steps.
+        For a time that is not positive, a tolerance without a duration, a step longer than the duration, or
+        more than MAX_STEP_COUNT steps.
     """
     check_times(options)
     steps, duration, dt = options.get("steps"), options.get("duration"), options.get("step")
@@ -313,9 +315,9 @@ def warn_of_other_frames(every: float | None, schedule: Schedule, end: float, un
         That option.
     schedule : Schedule
     end : float
-        Of the run.
+        Time of the end of the run.
     unit : str
-        Of times, after a blank.
+        Unit of times with a space before it, such as " s".
     """
     between = schedule.every * schedule.dt
     expected = min(every or between, end)
@@ -329,7 +331,7 @@ def warn_of_other_frames(every: float | None, schedule: Schedule, end: float, un
 
 
 def check_times(options: Mapping[str, Any]) -> None:
-    """Check the times of a flow: positive ones, and those that need or divide the duration.
+    """Check that the times of a flow are positive and consistent with the duration.
 
     Parameters
     ----------

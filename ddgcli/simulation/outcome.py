@@ -33,11 +33,11 @@ class Outcome:
     failure : str
         Why the run failed, or "".
     last_events : tuple of Event
-        Of a failed run, since its last frame.
+        Events of a failed run since its last frame.
     failure_reason : str
         Reason why the result is unreliable, or "".
     seconds : float
-        Of the loop, with those of the run that was resumed.
+        Time of the loop, with that of the run that was resumed.
     steps : int
     smallest_step : float
     frame_limited_steps : int

@@ -46,7 +46,7 @@ def ending_of(checkpoint: Arrays) -> Ending | None:
     Parameters
     ----------
     checkpoint : dict of "model/array" to ndarray
-        Of a Snapshot.
+        Checkpoint of a Snapshot.
 
     Returns
     -------
