@@ -38,7 +38,7 @@ def averaged_normals(
     Parameters
     ----------
     areas : (4, n) ndarray of float64
-        Of all vertices (`star_areas`).
+        Areas of all vertices (`star_areas`).
     normal : (3, k) ndarray of float64
         Unit normals to return where the total is zero, as that of a closed surface.
     regions : Regions

@@ -36,11 +36,11 @@ def corrected_in_balls(
     ----------
     mesh : TriangleMesh
     faces : Faces
-        Of the mesh.
+        Faces of the mesh.
     normal : (3, n) ndarray of float64
         Unit vertex normals.
     radius : float
-        Of the balls, in the length unit of the mesh.
+        Radius of the balls, in the length unit of the mesh.
     jobs : int
         Processes that handle blocks; the result does not depend on it.
 
@@ -99,7 +99,7 @@ def normal_cycle_in_balls(
     dihedral : (e,) ndarray of float64
         Dihedral angles in radians, positive where convex.
     radius : float
-        Of the balls, in the length unit of the mesh.
+        Radius of the balls, in the length unit of the mesh.
     jobs : int
         Processes that handle blocks; the result does not depend on it.
 

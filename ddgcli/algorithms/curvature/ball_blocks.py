@@ -68,9 +68,9 @@ def blocks_of_leaf(
     Parameters
     ----------
     tree : cKDTree
-        Of n points.
+        k-d tree of n points.
     radii : (n,) ndarray of float64
-        Of the ball around each point.
+        Radius of the ball around each point.
     leaf : (b,) ndarray of int64
         Points near each other, ascending.
 

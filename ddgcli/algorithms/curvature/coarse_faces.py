@@ -32,7 +32,7 @@ def warn_of_coarse_faces(mesh: TriangleMesh, faces: Faces, dihedral: NDArray) ->
     ----------
     mesh : TriangleMesh
     faces : Faces
-        Of the mesh.
+        Faces of the mesh.
     dihedral : (e,) ndarray of float64
         Dihedral angles of the edges in radians.
     """

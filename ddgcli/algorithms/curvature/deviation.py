@@ -1,7 +1,8 @@
-"""Deviation of the vertices of a surface from smooth surfaces: its size and its kind.
+"""Deviation of the vertices of a surface from a smooth surface: its size and its kind.
 
-Residuals of fits over two rings show the deviation, of whatever kind. Noise leaves fits of degree three and
-four with equal residuals, details do not; stairs, rounded coordinates and spikes are recognised first.
+The deviation is measured by residuals of polynomial fits over two rings. For noise, fits of degree three and
+four have equal residuals; for details they do not. Stairs, rounded coordinates and spikes are recognised
+first.
 """
 
 from __future__ import annotations
@@ -23,27 +24,33 @@ from ddgcli.mesh.ragged import sorted_keys
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 SAMPLE_SIZE = 400  # vertices sampled for residuals
-MAX_UNSAMPLED_VERTICES = 6400  # up to which all vertices may be in the sample
-# vertices, by the areas of their stars, among which the sample is chosen on larger meshes
+MAX_UNSAMPLED_VERTICES = 6400  # size of a mesh up to which all vertices are candidates for the sample
+# On larger meshes, this many candidates per sampled vertex are chosen evenly in the order of star areas.
 CANDIDATES_PER_SAMPLE = 4
-MIN_SAMPLE = 15  # vertices: fewer show no noise
-# dihedral angle up to which two faces count as one plane (files of single precision)
+MIN_SAMPLE = 15  # sampled vertices below which noise is not estimated
+# Dihedral angle in radians below which two faces count as coplanar, in files of single precision.
 FLAT_ANGLE_TOLERANCE = 1e-3
-# share of flat edges from which large residuals are creases of a part, not noise
+# Share of flat edges above which large residuals may be creases of a mechanical part instead of noise.
 MIN_CREASED_FLAT_SHARE = 0.1
-# of an edge: residual above which a region bends, among many flat ones; regions and share of them that count
+# On surfaces with many flat regions, a region is bent if its residual is above the first number, in edges.
+# The bent regions are examined separately if their share is above the second number.
 MIN_BENT_RESIDUAL, MIN_BENT_SHARE = 0.03, 0.1
-# residual of cubic fits over that of quartic ones: noise has 0.98 to 1.08, as measured on spheres, tori and
-# voxels; scanned and modelled surfaces with details of four to ten edges have 1.2 to 2.9
+# Residual of cubic fits over that of quartic ones above which the surface may have details. Noise has 0.98 to
+# 1.08, measured on spheres, tori and voxels; scanned and modelled surfaces with details of four to ten edges
+# have 1.2 to 2.9.
 MIN_DETAIL_RATIO = 1.15
-# noise in a part of the surface, or spikes: this quantile of the residuals is so many times their median
+# Only a part of the surface has noise, or there are spikes, if this quantile of the residuals is at least so
+# many times their median.
 PARTIAL_QUANTILE, MIN_PARTIAL_RATIO = 0.9, 5
-# noise in about a half: the share of the residuals above this part of that quantile; elsewhere 0.85 to 1
+# About half of the surface has noise if the share of residuals above the first number times that quantile is
+# below the second number; on other surfaces the share is 0.85 to 1.
 NOISY_SHARE_OF_TAIL, MAX_NOISY_SHARE = 0.5, 0.6
-VOXEL_DEVIATION = 12**-0.5  # of heights within a voxel, in edges
-ROUNDING_RANGE = 0.6, 1.6  # of the residuals over the deviation of rounded coordinates
+VOXEL_DEVIATION = 12**-0.5  # standard deviation of uniformly distributed heights within a voxel, in edges
+# Range of the residuals over the deviation of rounded coordinates, within which rounding explains them.
+ROUNDING_RANGE = 0.6, 1.6
+# Least number of spikes in the sample of SPIKE_SAMPLE_SIZE vertices, and least share of them.
 MIN_SPIKES, MIN_SPIKE_SHARE = 3, 0.003
-SPIKE_SAMPLE_SIZE = 2000  # vertices among which spikes are counted
+SPIKE_SAMPLE_SIZE = 2000
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,8 +60,8 @@ class Deviation:
     Parameters
     ----------
     relative : float
-        Their size over the mean edge length: the median, which ignores creases, or a high quantile where that
-        is far above the median and not due to details.
+        Size of the residuals over the mean edge length: their median, which ignores creases, or a high
+        quantile if that is far above the median and not due to details.
     kind : str
         'voxels', 'rounded', 'spikes', 'partial' or 'noise', as in `Noise`.
     detail_ratio : float
@@ -62,16 +69,16 @@ class Deviation:
     flat_share : float
         Share of the edges that are flat.
     doubtful : bool
-        Whether residuals or flat faces are like those of details and creases.
+        Whether the residuals or flat faces could be due to details and creases.
     noisy : (k,) ndarray of bool
-        The part of the sample that has the deviation.
+        Which vertices of the sample have the deviation.
     sample : (k,) ndarray of int
     regions : Regions
         Two rings around the sample.
     normal : (3, n) ndarray
-        Of all vertices, averaged by areas.
+        Area-weighted normals of all vertices.
     of_bent : Deviation, optional
-        The same of the regions that are not flat, where many faces are: tall steps have flat regions between
+        Deviation of the regions that are not flat, if many faces are: tall steps have flat regions between
         them.
     """
 
@@ -96,16 +103,16 @@ def vertex_deviation(
     ----------
     mesh : TriangleMesh
     faces : Faces
-        Of the mesh.
+        Faces of the mesh.
     dihedral : (e,) ndarray
         Dihedral angles of the edges in radians, positive where convex.
     steps : (3, n) ndarray of float64, optional
-        To which the coordinates were rounded, as for `precision_steps`.
+        Steps to which the coordinates were rounded (`precision_steps`).
 
     Returns
     -------
     Deviation or None
-        None where too few vertices have enough neighbours.
+        None if too few vertices have enough neighbours.
     """
     normal = area_normals(faces)
     vertices = _candidates(mesh, faces)
@@ -122,7 +129,7 @@ def vertex_deviation(
     deviation, detail_ratio, noisy = _deviation(*residuals)
     kind = "noise" if noisy.all() else "partial"
     if is_staircase(mesh, faces, dihedral):
-        # fits over two rings lie on a step; heights within a voxel are uniform
+        # two rings may lie on one step, without residuals; heights within a voxel are uniformly distributed
         kind, deviation = "voxels", max(deviation, VOXEL_DEVIATION * edge)
     elif _is_rounded(faces, normal[:, sample], deviation, edge, None if steps is None else steps[:, sample]):
         kind = "rounded"
@@ -137,7 +144,7 @@ def vertex_deviation(
 
 
 def _of_bent(whole: Deviation, cubic: NDArray, quartic: NDArray, edge: float) -> Deviation | None:
-    """Deviation of the regions that are not flat; None where they are few."""
+    """Deviation of the regions that are not flat; None if they are few."""
     bent = np.isfinite(quartic) & (cubic > MIN_BENT_RESIDUAL * edge)
     if bent.sum() < max(MIN_SAMPLE, MIN_BENT_SHARE * len(bent)):
         return None
@@ -147,10 +154,10 @@ def _of_bent(whole: Deviation, cubic: NDArray, quartic: NDArray, edge: float) ->
 
 
 def _deviation(cubic: NDArray, quartic: NDArray) -> tuple[float, float, NDArray[np.bool_]]:
-    """Deviation of the vertices, ratio of the residuals, and (k,) the part of the sample that has the noise.
+    """Deviation of the vertices, ratio of cubic and quartic residuals, and (k,) which vertices have noise.
 
-    `cubic` and `quartic` are the residuals of fits of degree three and four over the sample. The part is the
-    whole sample where the residuals do not show noise in a part.
+    `cubic` and `quartic` are the residuals of fits of degree three and four. All vertices of the sample have
+    noise unless the residuals show that only a part of the surface has.
     """
     both = np.isfinite(cubic) & np.isfinite(quartic)
     whole = np.ones(len(cubic), dtype=bool)
@@ -180,17 +187,17 @@ def _is_rounded(faces: Faces, normal: NDArray, deviation: float, edge: float, st
 
 
 def _has_spikes(points: NDArray, normal: NDArray, regions: Regions, vertices: NDArray, edge: float) -> bool:
-    """Whether some vertices in a thousand lie far off a surface that is smooth around them."""
+    """Whether at least a few vertices in a thousand are far off an otherwise smooth surface."""
     some = np.arange(0, len(vertices), max(1, len(vertices) // SPIKE_SAMPLE_SIZE))
     is_spike = spikes_among(points, normal, listed(regions, some), vertices[some], edge)
     return bool(is_spike.sum() >= max(MIN_SPIKES, MIN_SPIKE_SHARE * len(some)))
 
 
 def _candidates(mesh: TriangleMesh, faces: Faces) -> NDArray[np.int64] | None:
-    """Vertices to choose the sample from, in the order of the areas of their stars; None for all."""
+    """Candidates for the sample, in the order of the areas of their stars; None for all vertices."""
     if mesh.n_vertices <= MAX_UNSAMPLED_VERTICES:
         return None
     vertices = np.flatnonzero(mesh.topology.referenced_vertex)
     area = faces.stars(faces.area[None])[0].take(vertices).astype(np.float32)
-    order = sorted_keys(area.view(np.int32), 1 << 31)[1]  # bits of positive numbers have their order
+    order = sorted_keys(area.view(np.int32), 1 << 31)[1]  # bits of positive floats sort like the floats
     return vertices[order[:: max(1, len(vertices) // (CANDIDATES_PER_SAMPLE * SAMPLE_SIZE))]]

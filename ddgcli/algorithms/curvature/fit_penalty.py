@@ -30,13 +30,13 @@ def cross_validated_penalty(columns: NDArray, normal: NDArray, some: Regions, ve
     columns, normal : (3, n) ndarray of float64
         Positions, and unit normals.
     some : Regions
-        Of the k vertices.
+        Regions of the k vertices.
     vertices : (k,) ndarray of int64
 
     Returns
     -------
     float
-        Of the terms of degree three and four, relative.
+        Relative penalty of the terms of degree three and four.
 
     Notes
     -----
@@ -112,7 +112,7 @@ def polynomial_residuals(
     columns, normal : (3, n) ndarray of float64
         Positions, and unit normals.
     some : Regions
-        Of the k vertices.
+        Regions of the k vertices.
     vertices : (k,) ndarray of int64
     degrees : tuple of d ints
         Up to 4.

@@ -159,7 +159,7 @@ def turned(first: NDArray, second: NDArray, cos: NDArray, sin: NDArray) -> tuple
     ----------
     first, second : (3, n) ndarray of float64
     cos, sin : (n,) ndarray of float64
-        Of the angle.
+        Cosine and sine of the angle.
 
     Returns
     -------

@@ -1,11 +1,11 @@
 """Bias of quadratic fits in balls that a comparison of radii does not reveal.
 
-Where the smallest balls hold whole features, wider ones err alike: the curvature changes less than it errs.
-Two things show more of the error. The height of a circle grows faster than the square of the distance: fits
-in balls that bend much overestimate the curvature. And the fits of the default region are nearly free of
-bias. Their noise minus that of a good fit in a ball is independent of the latter (else a mean of both would
-be a better fit), so that the difference depends on the curvature in balls by a bias alone, as in Hausman's
-test.
+If the smallest balls contain whole features, wider ones have similar errors, and the curvature changes by
+less than its error. Two other estimates are used. First, the height of a circle grows faster than the square
+of the distance, so fits in strongly curved balls overestimate the curvature. Second, the fits of the default
+region are nearly free of bias. Their noise minus that of a good fit in a ball is independent of the latter
+(otherwise a mean of both would be a better fit), so the difference depends on the curvature in balls only
+through a bias, as in Hausman's test.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.curvature.frames import PrincipalCurvatures
 
-# the quadratic that fits k x^2 / 2 + k^3 x^4 / 8, the height of a circle of curvature k, in the disk of
-# radius a has a curvature larger by this share of (k a)^2
+# A circle of curvature k has the height k x^2 / 2 + k^3 x^4 / 8. The curvature of its quadratic fit over a
+# disk of radius a is too large by this fraction of (k a)^2.
 CIRCLE_OVERSHOOT = 3 / 16
-MIN_SIGNIFICANCE = 2.0  # of what the regression explains, over what each of its terms explains by chance
-MIN_INDEPENDENT = 1e-3  # of a term: its share that earlier ones do not explain, below which it is left out
-MAX_TAIL = 3.0  # times the median size of the differences
+MIN_SIGNIFICANCE = 2.0  # variance that the regression explains, over that which each term explains by chance
+MIN_INDEPENDENT = 1e-3  # share of a term that earlier ones do not explain, below which it is left out
+MAX_TAIL = 3.0  # bound of the differences, over their median size
 
 
 def hidden_bias(
@@ -32,17 +32,17 @@ def hidden_bias(
     bound: float = np.inf,
     independent: bool = True,
 ) -> float:
-    """Mean size of the bias of the mean curvature in balls, as far as it is not seen in its changes.
+    """Mean size of the bias of the mean curvature in balls that its changes with the radius do not show.
 
     Parameters
     ----------
     default : (k,) ndarray of float64
         Mean curvature over the default region.
     at, after : PrincipalCurvatures
-        Of fits in the balls of the radius, and of the next one.
+        Fits in balls of the radius, and of the next one.
     radius : float
     bound : float
-        Largest overshoot of a vertex over the median one.
+        Bound of the overshoot at a vertex over the median one.
     independent : bool
         Whether vertices deviate at random; on stairs, neighbours deviate together.
 

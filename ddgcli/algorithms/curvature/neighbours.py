@@ -33,7 +33,7 @@ def neighbourhoods(
     ----------
     mesh : TriangleMesh
     faces : Faces
-        Of the mesh.
+        Faces of the mesh.
     normal : (3, n) ndarray
         Approximate unit normals.
     vertices : (k,) ndarray of int, optional
@@ -61,7 +61,7 @@ def is_sheared(mesh: TriangleMesh, faces: Faces) -> bool:
     ----------
     mesh : TriangleMesh
     faces : Faces
-        Of the mesh.
+        Faces of the mesh.
 
     Returns
     -------

@@ -10,28 +10,30 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.curvature.scales import Scales
 
-FITTED_SCHEMES = ("quadric", "normal-voting")  # those of which `Scales` are measured
+FITTED_SCHEMES = ("quadric", "normal-voting")  # schemes for which `Scales` are measured
 
-# of curvature, root mean square, by noise, above which the default region is unreliable: other kinds than
-# rounded coordinates, which are certain, may be details up to the first
+# Root mean square error of the curvature above which the default region is unreliable. The limit is lower for
+# rounded coordinates, which are certain; smaller errors of other kinds may be due to details.
 MAX_ERROR, MAX_ROUNDED_ERROR = 0.08, 0.04
-MAX_REMAINING_ERROR_SHARE = 0.75  # largest share of that error at the proposed radius
-# at the best radius of voxels and rounded coordinates: parts of blocks, pleats and layers have more
+# Largest error at the proposed radius, over that of the default region.
+MAX_REMAINING_ERROR_SHARE = 0.75
+# Largest error at the best radius of voxels and rounded coordinates; parts made of blocks, pleats and layers
+# have larger errors.
 MAX_LATTICE_ERROR = 0.5
-# of the error of averaged normals over that of fits, below which the scheme is proposed
+# Normal voting is proposed if its error is below this fraction of that of quadratic fits.
 MAX_VOTING_SHARE = 0.8
 
 
 @dataclass(frozen=True, eq=False)
 class SizeGroup:
-    """Components of like size: their vertices, and curvature of some of these in balls, as in `Noise`."""
+    """Components of similar size: their vertices, and curvature of some of these in balls (see `Noise`)."""
 
     vertices: NDArray[np.int64]
     scales: Scales
     voting: Scales | None = None
 
     def scales_of(self, scheme: str) -> Scales:
-        """Curvature in balls by a scheme, or by the one that is most like it."""
+        """Curvature in balls by normal voting if that is the scheme, else by quadratic fits."""
         return self.voting if scheme == "normal-voting" and self.voting is not None else self.scales
 
 
@@ -49,11 +51,11 @@ class Noise:
         edges, as smoothed stairs have), 'lattice' (smoothed stairs whose vertices repeat with voxels),
         'noise', or '' for a surface whose residuals are creases or details.
     scales : Scales, optional
-        Mean curvature of some vertices in balls by quadratic fits, where the residuals may be noise.
+        Mean curvature of some vertices by quadratic fits in balls, if the residuals may be noise.
     voting : Scales, optional
-        The same by averaged normals, where noise dominates.
+        Mean curvature of some vertices by normal voting, if noise dominates.
     groups : tuple of SizeGroup
-        Where noise dominates and components differ in size: the same of each size.
+        Both for components of each size, if noise dominates and the sizes differ.
     """
 
     relative: float | None
@@ -151,7 +153,7 @@ class Noise:
         return max(samples, key=lambda sample: sample[0])[1].best_radius if samples else 0.0
 
     def radii_of(self, scheme: str, n_vertices: int) -> float | NDArray[np.float64]:
-        """The same for the components of each size, at (n,) vertices; one radius where they are alike."""
+        """Radius with the least error at each of n vertices; one radius if the components have one size."""
         if len(self.groups) < 2 or scheme not in FITTED_SCHEMES:
             return self.radius_of(scheme)
         radius = np.full(n_vertices, self.radius_of(scheme))

@@ -1,8 +1,9 @@
-"""Estimate of the noise of a surface's vertices and of the radius that averages it.
+"""Estimate of the noise of a surface's vertices, and of the radius that averages it out.
 
-Residuals of fits over two rings show the deviation of the vertices, of whatever kind (`deviation`); creases
-of both signs, coordinates on grids and curvature that settles with the radius distinguish noise from details.
-The error of the default region and the radius come from balls around a sample of vertices (`scales`).
+Residuals of fits over two rings measure the deviation of the vertices (`deviation`); creases of both signs,
+coordinates on grids, and curvature that converges with the radius distinguish noise from details
+(`noise_kind`). The error of the default region and the best radius are estimated in balls around a sample of
+vertices (`scales`).
 """
 
 from __future__ import annotations
@@ -45,12 +46,12 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 Effort = Literal["fits", "warn", "auto"]
 
-INDEPENDENT_KINDS = ("noise", "rounded")  # in which neighbours deviate independently
+INDEPENDENT_KINDS = ("noise", "rounded")  # kinds of noise in which neighbours deviate independently
 
 BENDING_SAMPLE_SIZE = 100  # vertices sampled for curvature
-CONFIRMING_SAMPLE_SIZE = 400  # vertices that confirm what so few show, where scans are near the limits
+CONFIRMING_SAMPLE_SIZE = 400  # vertices that confirm the result if scans are near the thresholds
 VOTING_SAMPLE_SIZE = 32  # vertices sampled for curvature by averaged normals
-# members of all their balls: the stairs of large bodies need wide ones
+# largest total number of vertices in their balls, in general and on voxels, whose stairs need wide balls
 MAX_VOTING_PAIRS, MAX_VOXEL_PAIRS = 3e6, 3.6e7
 
 
@@ -65,22 +66,20 @@ def estimate_noise(
 ) -> Noise:
     """Estimate the noise of the vertices and its effect on the mean curvature.
 
-    The radius is one that the scheme can measure in.
-
     Parameters
     ----------
     mesh : TriangleMesh
     faces : Faces
-        Of the mesh.
+        Faces of the mesh.
     dihedral : (e,) ndarray
         Dihedral angles of the edges in radians, positive where convex.
     scheme : str
-        Name of the scheme of curvature.
+        Name of the curvature scheme, which limits the radius.
     effort : {'fits', 'warn', 'auto'}
-        'fits': without averaged normals, which cost more; 'auto': with wide balls of them on voxels, which
+        'fits' leaves out averaged normals, which cost more; 'auto' uses wide balls of them on voxels, which
         may take several times as long as the measurement.
     steps : (3, n) ndarray of float64, optional
-        To which the coordinates were rounded, as for `precision_steps`.
+        Steps to which the coordinates were rounded (`precision_steps`).
 
     Returns
     -------
@@ -98,7 +97,7 @@ def estimate_noise(
         return Noise(deviation.relative)
     everywhere = scales.median_share > MIN_UNEVEN_MEDIAN_SHARE
     if kind in ("ruled", "even") or (kind == "partial" and deviation.doubtful and everywhere):
-        kind = "uneven"  # smoothed stairs have large residuals in places, and errors everywhere
+        kind = "uneven"  # smoothed stairs have large residuals only in places, but errors everywhere
     noise = Noise(deviation.relative, kind, scales)
     if scales.default_rms < noise.max_error or effort == "fits":
         return noise
@@ -117,7 +116,7 @@ def radii_of_search(mesh: TriangleMesh, faces: Faces, deviation: Deviation, sche
     ----------
     mesh : TriangleMesh
     faces : Faces
-        Of the mesh.
+        Faces of the mesh.
     deviation : Deviation
     scheme : str
 
@@ -132,7 +131,7 @@ def radii_of_search(mesh: TriangleMesh, faces: Faces, deviation: Deviation, sche
 
 
 def _settled_scales(balls: _Balls, kind: str, deviation: Deviation) -> Scales | None:
-    """Curvature in balls around a part of the sample; None where it contradicts the kind of noise."""
+    """Curvature in balls around some sampled vertices; None if it contradicts the kind of noise."""
 
     def scales_of(n_vertices: int, max_radii: int = MAX_SCALES) -> Scales | None:
         few = np.arange(0, len(deviation.sample), max(1, len(deviation.sample) // n_vertices))
@@ -142,25 +141,25 @@ def _settled_scales(balls: _Balls, kind: str, deviation: Deviation) -> Scales | 
     if kind == "even":
         scales = scales_of(BENDING_SAMPLE_SIZE, 2)
         if scales is None or not may_err_evenly(scales):
-            return None  # two radii show most details
+            return None  # two radii suffice to recognise most details
     scales = scales_of(BENDING_SAMPLE_SIZE)
     if scales is None or not settles(kind, deviation, scales):
         return None
-    if kind == "uneven":  # a scan may look so in one sample of ten
+    if kind == "uneven":  # scans pass with one sample in ten, so a larger sample must confirm it
         scales = scales_of(CONFIRMING_SAMPLE_SIZE)
     return None if scales is None or not settles(kind, deviation, scales) else scales
 
 
 @dataclass(frozen=True)
 class _Extent:
-    """Area of a vertex and of a component, and the share of the vertices, of some components or of all."""
+    """Area per vertex and per component, and share of the vertices, for some or all components."""
 
     vertex_area: float
     area: float
     share: float
 
     def first_radius(self, regions: Regions) -> float:
-        """Radius of a disk as large as a typical one of some regions."""
+        """Radius of a disk with the area of the median region."""
         return float(np.sqrt(self.vertex_area * np.median(regions.count) / np.pi))
 
 
@@ -168,7 +167,7 @@ class _Extent:
 class _Balls:
     """Fits in balls around some vertices of a surface, with the radii that a scheme can measure in.
 
-    `normal` (3, n) is that of the vertices, averaged by areas; `deviation` theirs, in length units.
+    `normal` (3, n) are area-weighted vertex normals; `deviation` is that of the vertices, in length units.
     """
 
     mesh: TriangleMesh
@@ -178,7 +177,7 @@ class _Balls:
     deviation: float
 
     def extent(self, vertices: NDArray | None = None, n_components: int = 1) -> _Extent:
-        """Of the components that have these vertices, or of all."""
+        """Extent of the components with these vertices; by default of all."""
         if vertices is None:
             area = float(self.faces.area.sum())
             return _Extent(area / int(self.mesh.topology.referenced_vertex.sum()), area, 1.0)
@@ -188,8 +187,8 @@ class _Balls:
         return _Extent(area / len(vertices), area / n_components, len(vertices) / self.mesh.n_vertices)
 
     def largest_radius(self, extent: _Extent) -> float:
-        """Radius up to which balls hold a part of a component, and the scheme measures in minutes."""
-        # balls hold more vertices where these are dense
+        """Largest radius at which balls contain only a part of a component, and the scheme takes minutes."""
+        # balls contain more vertices where these are dense
         total = extent.vertex_area * self.mesh.n_vertices / extent.share
         most = 0.99 * largest_radius(self.mesh, total, self.scheme)
         return float(min(np.sqrt(MAX_SURFACE_SHARE * extent.area / np.pi), most))
@@ -197,7 +196,7 @@ class _Balls:
     def scales(
         self, regions: Regions, few: NDArray, extent: _Extent, kind: str, max_radii: int = MAX_SCALES
     ) -> Scales | None:
-        """Mean curvature of a few vertices, over their regions and in balls."""
+        """Mean curvature of a few vertices by quadratic fits, over their regions and in balls."""
         points, normal, grid = self.faces.points, self.normal, PointGrid(self.faces.points)
         penalty = cross_validated_penalty(points, normal, regions, few)
         default = fits_at(points, normal, few, normal[:, few], regions, penalty).mean
@@ -214,7 +213,7 @@ class _Balls:
         )
 
     def voting_scales(self, scales: Scales, pairs: float, extent: _Extent) -> Scales | None:
-        """The same by averaged normals, at fewer vertices, in balls of `pairs` members in all."""
+        """Mean curvature of fewer vertices by averaged normals; their balls have at most `pairs` vertices."""
         from scipy.spatial import cKDTree
 
         from ddgcli.algorithms.curvature.voting import normal_voting_at  # imports scipy.sparse
@@ -235,7 +234,7 @@ class _Balls:
         return None if voting is None else apart_from(voting, scales, step)
 
     def of_group(self, vertices: NDArray, n_components: int, kind: str, pairs: float) -> SizeGroup | None:
-        """Curvature in balls around some vertices of components of like size."""
+        """Curvature in balls around some vertices of components of similar size."""
         inner = vertices[~self.mesh.topology.boundary_vertex[vertices]]
         few = inner[:: max(1, len(inner) // BENDING_SAMPLE_SIZE)]
         if len(few) < MIN_SAMPLE:

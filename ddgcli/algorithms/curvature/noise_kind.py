@@ -1,7 +1,7 @@
-"""Whether deviations of the vertices are noise, judged by residuals, creases and curvature in balls.
+"""Classification of deviations of the vertices: noise and stairs, or details and creases of the surface.
 
-Creases of both signs, coordinates on grids, and curvature that settles with the radius in the same way all
-over the surface distinguish noise and stairs from details and creases.
+Noise and stairs have creases of both signs, coordinates on grids, or curvature that converges with the radius
+in the same way all over the surface.
 """
 
 from __future__ import annotations
@@ -17,77 +17,91 @@ from ddgcli.algorithms.curvature.staircase import cancellation, sampled_sides
 from ddgcli.geometry.faces import Faces
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
-# residual of cubic fits over that of quartic ones: stairs that were averaged or cut have 1.2 to 1.7, details
-# of six edges 1.8; smoothed segmentations have up to 2.2, and of details with less the default is 6 % off and
-# more
+# The thresholds below were measured on scans, mechanical parts, modelled surfaces, smooth test surfaces with
+# noise, and voxelised bodies. "Ratio" is the error of the default region over that at the best radius,
+# "error" the latter over the larger principal curvature, "median share" the median of the difference between
+# the two regions over its mean, and "fall" the first change of the curvature with the radius over the second
+# one; all four are defined in `Scales`. The "detail ratio" is the residual of cubic fits over that of quartic
+# ones.
+
+# Limits of the detail ratio for the kinds 'rough' and 'uneven'. Stairs that were averaged or cut have ratios
+# of 1.2 to 1.7, details of six edges have 1.8, and smoothed segmentations up to 2.2. Where the ratio of
+# details is lower, the error of the default region is 6 % or more.
 MAX_ROUGH_DETAIL_RATIO, MAX_UNEVEN_DETAIL_RATIO = 1.75, 2.2
-MAX_NOISE_DETAIL_RATIO = 1.1  # of residuals that are surely noise; scans have 1.2, in some samples 1.13
-# creases of both signs within two rings: their sum over that of their sizes. Noise of more than a twentieth
-# of an edge has 0.05 to 0.8, and less the larger it is; scans have 0.2 to 0.6, mechanical parts 0.4 to 0.9
+# Limit of the detail ratio of residuals that are certainly noise. Scans have 1.2, in some samples 1.13.
+MAX_NOISE_DETAIL_RATIO = 1.1
+# Limits of the cancellation of creases within two rings (`staircase.cancellation`): the signed sum of the
+# creases over the sum of their sizes. Noise of more than a twentieth of an edge has 0.05 to 0.8, and less the
+# larger the noise is; scans have 0.2 to 0.6, and mechanical parts 0.4 to 0.9.
 MAX_CANCELLATION, MAX_ROUGH_CANCELLATION = 0.8, 0.28
-MAX_CANCELLATION_OF_NOISE = 0.055  # times one over the noise in edges
-MIN_MEDIAN_SHARE = 0.1  # median error of grids of voxels over the mean one, which creases of a part exceed
-# curvature that balls little larger than the default region do not repeat, all over the surface: its
-# correlation with that in the first balls, 0.72 and more of details that the mesh resolves, 0.6 and more of
-# scans; its error over that at the best radius (2.4 and less where it is right), the latter (of scans and
-# parts with less correlation 0.4 and more), median share and kurtosis (parts have less, and more)
+# Limit of the cancellation times the noise in edges: the limit is lower for larger noise.
+MAX_CANCELLATION_OF_NOISE = 0.055
+# Least median share for the kind 'grid'. The creases of a mechanical part concentrate the difference in a few
+# places, which gives a lower share.
+MIN_MEDIAN_SHARE = 0.1
+# Curvature that slightly larger balls do not repeat, all over the surface. The correlation between the
+# default region and the first balls is 0.72 or more for details that the mesh resolves, and 0.6 or more for
+# scans. The ratio is 2.4 or less where the default region is reliable. Scans and parts with less correlation
+# have an error of 0.4 or more at the best radius; parts have a lower median share and a higher kurtosis.
 MAX_CORRELATION, MIN_UNREPEATED_RATIO, MAX_UNREPEATED_ERROR = 0.55, 3.5, 0.37
 MIN_UNREPEATED_MEDIAN_SHARE, MAX_UNREPEATED_KURTOSIS = 0.5, 6.0
-# slivers with noise have errors of many sizes, of which balls repeat nothing and leave a tenth or less
+# Slivers with noise have errors of very different sizes. Balls repeat none of them, and reduce the error to a
+# tenth or less.
 MAX_UNRELATED_CORRELATION, MIN_UNRELATED_RATIO = 0.3, 9.0
 MIN_UNRELATED_MEDIAN_SHARE, MAX_UNRELATED_KURTOSIS = 0.35, 20.0
-# smoothed stairs and noise over several edges: the error at the best radius over the larger curvature, that
-# of the default region over it, and the median over the mean of the latter. Scans and modelled surfaces have
-# errors of 0.15 to 0.9, smooth ones with a bias in balls ratios of 1.1 to 1.9, and details that two rings
-# resolve errors of 0.13 and more
+# Smoothed stairs, and noise over several edges: largest error, least ratio and least median share. Scans and
+# modelled surfaces have errors of 0.15 to 0.9, smooth surfaces whose balls are biased have ratios of 1.1 to
+# 1.9, and details that two rings resolve have errors of 0.13 or more.
 MAX_UNEVEN_ERROR, MIN_UNEVEN_ERROR_RATIO, MIN_UNEVEN_MEDIAN_SHARE = 0.12, 2.3, 0.4
-# curvature that balls repeat: its correlation, and a limit of that error: smoothed stairs have 0.06 and less,
-# subdivided scans 0.10 and more
+# Where the first balls repeat the curvature of the default region (correlation above the first number), the
+# error must also be below the second: smoothed stairs have 0.06 or less, subdivided scans 0.10 or more.
 MIN_REPEATED_CORRELATION, MAX_REPEATED_ERROR = 0.85, 0.08
-# larger errors, of bodies with rims: the first change of the curvature over the second one. Stairs, also
-# smoothed, and surface nets have 3.6 to 13, scans and modelled surfaces with errors below 0.2 have 1.2 to 2.7
+# Larger errors are accepted with a steep fall, as for bodies with rims. Stairs (also smoothed) and surface
+# nets have a fall of 3.6 to 13; scans and modelled surfaces with errors below 0.2 have 1.2 to 2.7.
 MAX_STEEP_ERROR, MIN_STEEP_FALL = 0.18, 3.2
-# stairs of cylinders and planes are alike along a line: five rows of two rings, which quartics fit exactly.
-# Their residuals are 0.005 to 0.09 of an edge, those of smooth fine meshes of flat quadrangles less
+# Stairs on cylinders and planes are the same along a line, and quartic fits follow the five rows of two rings
+# exactly. Their cubic residuals are 0.005 to 0.09 of an edge; those of smooth fine meshes of flat quadrangles
+# are smaller.
 MIN_RULED_FLAT_SHARE, MIN_RULED_RESIDUAL, MIN_RULED_FALL = 0.3, 0.004, 4.0
-# errors of the default region that are alike everywhere, as those of noise and of stairs: the median over the
-# mean, and the kurtosis (3 of normal noise). Scans and parts have errors in places: a kurtosis of 4.7 and
-# more, or a median share below 0.6; waves, threads and corrugated sheets have a kurtosis of 1.5 to 1.8, and
-# stairs without flat faces 1.9 and more
+# Errors of the default region that are the same everywhere, as for noise and stairs: median share and
+# kurtosis, which is 3 for normal noise. Scans and parts have errors in places: a kurtosis of 4.7 or more, or
+# a median share below 0.6. Waves, threads and corrugated sheets have a kurtosis of 1.5 to 1.8, and stairs
+# without flat faces 1.9 or more.
 MIN_EVEN_MEDIAN_SHARE, MIN_KURTOSIS, MIN_EVEN_KURTOSIS, MAX_EVEN_KURTOSIS = 0.68, 1.75, 2.0, 4.6
-# then the error of the default region over that at the best radius, and limits of the latter (over the larger
-# curvature): surfaces that default fits resolve have ratios of 0.5 to 2.5; above the second ratio the best
-# radius of noise leaves little
+# Limits of the ratio and the error for such surfaces. Surfaces that the default fits resolve have ratios of
+# 0.5 to 2.5; above the second limit, balls of the best radius leave little of the noise.
 MIN_EVEN_ERROR_RATIO, MAX_EVEN_ERROR_RATIO, MAX_EVEN_ERROR, MAX_FLAT_EVEN_ERROR = 3.5, 15, 0.3, 0.2
-# residual of cubic over that of quartic fits, of errors alike everywhere: below the first, details
-# of one size have default errors of 6 % and more, below the second, bumps have ratios of errors above 15
+# Limits of the detail ratio for such surfaces. Where details of one size have a detail ratio below the first,
+# the error of the default region is 6 % or more; where bumps have one below the second, the ratio is above
+# 15.
 MAX_EVEN_DETAIL_RATIO, MAX_WIDE_DETAIL_RATIO = 2.3, 2.8
-# surfaces whose coordinates repeat with voxels: the error of the default region over that at the best radius,
-# the latter, and the median share. Mechanical parts on such a grid have errors of 0.31 and more in places
+# Surfaces whose coordinates repeat with voxels: least ratio, largest error and least median share. Mechanical
+# parts on such a grid have errors of 0.31 or more, in places.
 MIN_LATTICE_ERROR_RATIO, MAX_LATTICE_ERROR, MIN_LATTICE_MEDIAN_SHARE = 2.2, 0.3, 0.35
-# of a mean edge: marching cubes of 20 bodies have 1.4 to 9.8 % of shorter sides, regular grids with noise of
-# a fifth of an edge along their normals 0.01 %
+# A side is short if it is below this fraction of the mean length, and slivers are present if the share of
+# short sides is above the second number. Marching cubes of 20 bodies give 1.4 to 9.8 % of short sides;
+# regular grids with noise of a fifth of an edge along their normals give 0.01 %.
 SHORT_SIDE, MIN_SHORT_SHARE = 0.3, 0.005
-# rows of a scanner, each at a height of its own: quartics follow five of them. Their errors fall by 8 to 30
-# from the first change to the second, those of waves by up to 6
+# Rows of a scanner, each at its own height, of which quartic fits follow five: least residuals in edges, and
+# least fall. The fall is 8 to 30 for rows, and at most 6 for waves.
 MIN_ROWS_RESIDUAL, MIN_SMALL_ROWS_RESIDUAL, MIN_ROWS_FALL = 0.03, 0.02, 8.0
-# radii from which the error at the best one may be less than a quarter of that of the default region
+# Number of radii from which the error at the best one may be below a quarter of that of the default region.
 MIN_RADII = 3
-# waves that fits over two rings do not follow exactly: the error of the default region, and the first change
-# of the curvature over the second one: 0.5 to 1.5; noise and stairs with such errors have 1.8 and more
+# Waves that fits over two rings do not follow exactly: least error of the default region, and largest fall,
+# which is 0.5 to 1.5 for waves; noise and stairs with such errors have 1.8 or more.
 MIN_WAVE_ERROR, MAX_WAVE_FALL = 0.5, 1.7
 
 
 def noise_kind(
     mesh: TriangleMesh, faces: Faces, dihedral: NDArray, deviation: Deviation
 ) -> tuple[str, Deviation]:
-    """Kind of the noise as far as residuals and creases show it, '' where they are those of a surface.
+    """Kind of the noise according to residuals and creases; '' if these belong to the surface.
 
     Parameters
     ----------
     mesh : TriangleMesh
     faces : Faces
-        Of the mesh.
+        Faces of the mesh.
     dihedral : (e,) ndarray
         Dihedral angles of the edges in radians, positive where convex.
     deviation : Deviation
@@ -95,9 +109,9 @@ def noise_kind(
     Returns
     -------
     kind : str
-        Of `Noise`, or 'ruled' and 'even', which `settles` may confirm as 'uneven'.
+        A kind of `Noise`, or 'ruled' or 'even', which `settles` may confirm as 'uneven'.
     deviation : Deviation
-        Of the regions that have it.
+        Deviation of the regions with this noise.
     """
 
     def share_of(of_regions: Deviation) -> float:
@@ -116,15 +130,15 @@ def noise_kind(
 
 
 def _has_slivers(faces: Faces) -> bool:
-    """Whether some sides are short, as those of marching cubes: faces of regular grids have none."""
+    """Whether some sides are short, as in meshes from marching cubes; regular grids have no short sides."""
     length = np.sqrt((sampled_sides(faces) ** 2).sum(axis=0))
     return bool((length < SHORT_SIDE * faces.mean_length).mean() > MIN_SHORT_SHARE)
 
 
 def _kind_by_creases(deviation: Deviation, share: float) -> str:
-    """Kind by residuals of fits and the share of creases that do not cancel.
+    """Kind according to the residuals of fits and the cancellation of creases.
 
-    'ruled' and 'even' are not kinds of noise yet: the errors in balls decide whether they are 'uneven'.
+    'ruled' and 'even' are preliminary: the errors in balls decide whether they become 'uneven'.
     """
     of_noise = min(MAX_CANCELLATION, MAX_CANCELLATION_OF_NOISE / max(deviation.relative, 1e-300))
     if deviation.kind == "partial" and (share <= of_noise or not deviation.doubtful):
@@ -143,15 +157,15 @@ def _kind_by_creases(deviation: Deviation, share: float) -> str:
 
 
 def settles(kind: str, deviation: Deviation, scales: Scales) -> bool:
-    """Whether the curvature settles with the radius, where the kind may also be creases or details.
+    """Whether the curvature converges with the radius, which confirms kinds that may be creases or details.
 
     Parameters
     ----------
     kind : str
     deviation : Deviation
-        Both of `noise_kind`.
+        Results of `noise_kind`.
     scales : Scales
-        Curvature of some vertices in balls by quadratic fits.
+        Curvature of some vertices by quadratic fits in balls.
 
     Returns
     -------
@@ -191,12 +205,12 @@ def settles(kind: str, deviation: Deviation, scales: Scales) -> bool:
 
 
 def may_err_evenly(scales: Scales) -> bool:
-    """Whether curvature in the first two balls allows errors that are alike everywhere, or not repeated.
+    """Whether curvature in the first two balls is compatible with even errors, or with unrepeated ones.
 
     Parameters
     ----------
     scales : Scales
-        Of two radii or more.
+        Curvature at two radii or more.
 
     Returns
     -------
@@ -207,10 +221,10 @@ def may_err_evenly(scales: Scales) -> bool:
 
 
 def _errs_evenly(deviation: Deviation, scales: Scales) -> bool:
-    """Whether the default region errs alike everywhere and the curvature settles with the radius.
+    """Whether the default region has similar errors everywhere, and the curvature converges with the radius.
 
-    Noise and stairs, also smoothed, are the same all over a surface, so that their errors are distributed
-    nearly normally; details and creases have theirs in places.
+    Noise and stairs, also smoothed ones, are the same all over a surface, so their errors are nearly normally
+    distributed; details and creases cause errors in a few places.
     """
     error, ratio = scales.bending_error, scales.default_error / scales.error
     normal = MIN_EVEN_KURTOSIS < scales.kurtosis < MAX_EVEN_KURTOSIS
@@ -230,9 +244,9 @@ def _errs_evenly(deviation: Deviation, scales: Scales) -> bool:
 
 
 def _is_repeated_wave(scales: Scales) -> bool:
-    """Whether the first balls repeat curvature from which wider balls differ: they flatten waves.
+    """Whether the first balls repeat the curvature and wider ones do not: wider balls flatten waves.
 
-    Noise of such an error leaves less correlation, and falls with the radius.
+    Noise with such an error has less correlation, and its error falls with the radius.
     """
     return (
         scales.correlation > MIN_REPEATED_CORRELATION
@@ -242,11 +256,11 @@ def _is_repeated_wave(scales: Scales) -> bool:
 
 
 def _is_rows_of_small_scan(deviation: Deviation, scales: Scales) -> bool:
-    """Whether the surface errs as rows of a scanner do, where no more than two balls hold a part of it."""
+    """Whether a surface too small for three radii has the errors of rows of a scanner."""
     return (
         len(scales.radius) < MIN_RADII
         and deviation.relative > MIN_SMALL_ROWS_RESIDUAL
-        and MIN_ROWS_FALL < scales.fall < np.inf  # no change of balls that hold all of a component
+        and MIN_ROWS_FALL < scales.fall < np.inf  # inf: both balls contain a whole component
         and scales.correlation < MAX_CORRELATION
         and scales.median_share > MIN_EVEN_MEDIAN_SHARE
         and MIN_KURTOSIS < scales.kurtosis < MAX_EVEN_KURTOSIS
@@ -254,7 +268,7 @@ def _is_rows_of_small_scan(deviation: Deviation, scales: Scales) -> bool:
 
 
 def _is_not_repeated(scales: Scales) -> bool:
-    """Whether balls do not repeat the curvature of the default region, and settle all over the surface."""
+    """Whether balls do not repeat the curvature of the default region, and converge all over the surface."""
     ratio = scales.default_error / scales.error
     if scales.correlation > MAX_CORRELATION or scales.error > MAX_UNREPEATED_ERROR:
         return False
@@ -268,5 +282,5 @@ def _is_not_repeated(scales: Scales) -> bool:
 
 
 def _is_spread(scales: Scales) -> bool:
-    """Whether the default region errs all over the surface, though more in places."""
+    """Whether the errors of the default region are all over the surface, though larger in some places."""
     return scales.median_share > MIN_UNRELATED_MEDIAN_SHARE and scales.kurtosis < MAX_UNRELATED_KURTOSIS

@@ -70,7 +70,7 @@ def check_offset(mesh: TriangleMesh, distance: float, angle: float) -> OffsetArc
     ----------
     mesh : TriangleMesh
     distance : float
-        Of the offset, positive.
+        Distance of the offset, positive.
     angle : float
         Largest step of the arcs, in degrees.
 

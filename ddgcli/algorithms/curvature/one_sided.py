@@ -57,7 +57,7 @@ def unsigned_normals(mesh: TriangleMesh, faces: Faces) -> NDArray[np.float64]:
     ----------
     mesh : TriangleMesh
     faces : Faces
-        Of the mesh.
+        Faces of the mesh.
 
     Returns
     -------
@@ -85,7 +85,7 @@ def of_copies(cover: PrincipalCurvatures, copy: NDArray, referenced: NDArray) ->
     Parameters
     ----------
     cover : PrincipalCurvatures
-        Of the vertices of the cover.
+        Curvatures at the vertices of the cover.
     copy : (n,) ndarray of int64
         One copy of each vertex.
     referenced : (n,) ndarray of bool

@@ -189,7 +189,7 @@ def measure_curve(
         In order; the first is not repeated.
     closed : bool
     normal : (3,) ndarray, optional
-        Of a plane curve: turning to the left, seen from where it points, counts positive.
+        Normal of the plane of a curve; a left turn, seen from its tip, is positive.
 
     Returns
     -------

@@ -156,7 +156,7 @@ def _fit(
     axes: NDArray,
     basis: Basis,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """As `fit_forms`, of vertices that are fitted at once, over planes with axes (9, c)."""
+    """`fit_forms` for c vertices that are fitted at once, over planes with axes (9, c)."""
     start, member = _same_side(axes[6:9], normal, regions)
     x, y, z = local_coordinates(columns, centre, axes, start, member)
     x, y, scales = scaled(x, y, start)
@@ -236,7 +236,7 @@ def sums(values: NDArray, start: NDArray) -> NDArray[np.float64]:
     ----------
     values : (p,) ndarray of float64
     start : (c + 1,) ndarray of int
-        Of the lists, none of them empty.
+        Starts of the lists, none of which is empty.
 
     Returns
     -------
@@ -252,7 +252,7 @@ def scaled(x: NDArray, y: NDArray, start: NDArray) -> tuple[NDArray, NDArray, tu
     ----------
     x, y : (p,) ndarray of float64
     start : (c + 1,) ndarray of int
-        Of the lists of c vertices.
+        Starts of the lists of c vertices.
 
     Returns
     -------
@@ -283,7 +283,7 @@ def normal_equations(
     x, y, z : (p,) ndarray of float64
         Scaled coordinates, and heights.
     start : (c + 1,) ndarray of int
-        Of the lists of c vertices.
+        Starts of the lists of c vertices.
     basis : Basis
 
     Returns
@@ -382,7 +382,7 @@ def principal_of_forms(gradient: NDArray, hessian: NDArray, normal: NDArray) -> 
     Parameters
     ----------
     gradient : (2, n) ndarray of float64
-        Of the height at the vertex, in the frame of `tangent_frame(normal)`.
+        Gradient of the height at the vertex, in the frame of `tangent_frame(normal)`.
     hessian : (3, n) ndarray of float64
         xx, xy, yy, in 1/length.
     normal : (3, n) ndarray of float64

@@ -52,12 +52,12 @@ def quadric(
     ----------
     mesh : TriangleMesh
     faces : Faces
-        Of the mesh.
+        Faces of the mesh.
     normal : (3, n) ndarray
         Approximate unit normals.
     radius : float or (n,) ndarray, optional
-        Of the ball, or of that of each vertex; a vertex whose ball holds fewer neighbours than its two rings
-        keeps the rings.
+        Radius of the balls, one or for each vertex; a vertex whose ball has fewer neighbours than its two
+        rings keeps the rings.
     noisy : bool
         Whether noise is averaged in balls: by quadratic fits, over planes normal to the area vectors of the
         balls on the side of each vertex, as single normals are far off and stairs are not noise of single
@@ -111,7 +111,7 @@ def fitted_normals(mesh: TriangleMesh) -> NDArray[np.float64]:
 
 
 class _Surface(NamedTuple):
-    """What all blocks of fits share: `areas` (`star_areas`) where normals are averaged, balls or None."""
+    """Data that all blocks of fits share: `areas` (`star_areas`) if normals are averaged, balls or None."""
 
     columns: NDArray
     normal: NDArray

@@ -171,7 +171,7 @@ def measures_in_ball(mesh: TriangleMesh, centre: NDArray, radius: float) -> Regi
     Returns
     -------
     RegionMeasures
-        Of one region. Vertices on the sphere count; a ball without any part of the surface has a warning.
+        Measures of the ball. Vertices on the sphere count; a ball that misses the surface gives a warning.
     """
     if not np.isfinite(centre).all():
         raise ParameterError("must be finite", parameter="centre")

@@ -117,7 +117,7 @@ def largest_radius(mesh: TriangleMesh, area: float, scheme: str) -> float:
     ----------
     mesh : TriangleMesh
     area : float
-        Of the surface.
+        Area of the surface.
     scheme : str
 
     Returns
@@ -135,7 +135,7 @@ def check_radius(mesh: TriangleMesh, area: float, radius: float, unit: float, sc
     ----------
     mesh : TriangleMesh
     area : float
-        Of the surface.
+        Area of the surface.
     radius : float
     unit : float
         The length unit of `mesh` in units of the input, for the message.
@@ -230,7 +230,7 @@ def warn_of_short_radius(mesh: TriangleMesh, radius: float, scheme: str, in_ring
         In the length unit of `mesh`.
     scheme : str
     in_rings : bool
-        Of the `PrincipalCurvatures` that were measured.
+        `in_rings` of the measured `PrincipalCurvatures`.
     """
     side = mesh.side_length
     if scheme == "corrected" or (side.max() <= radius and not in_rings):
@@ -294,7 +294,7 @@ def larger(one: Regions, other: Regions) -> Regions:
     Parameters
     ----------
     one, other : Regions
-        Of the same vertices.
+        Regions of the same vertices.
 
     Returns
     -------
@@ -310,7 +310,7 @@ def select_regions(one: Regions, other: Regions, takes_other: NDArray[np.bool_])
     Parameters
     ----------
     one, other : Regions
-        Of the same vertices.
+        Regions of the same vertices.
     takes_other : (n,) ndarray of bool
         Where to take `other`.
 
@@ -340,7 +340,7 @@ def balls_around(points: NDArray, few: NDArray, tree: cKDTree, radius: float) ->
     few : (k,) ndarray of int64
         Centres.
     tree : cKDTree
-        Of all points.
+        k-d tree of all points.
     radius : float
 
     Returns

@@ -26,7 +26,7 @@ def fits_in_balls(
     ----------
     faces : Faces
     grid : PointGrid
-        Of all points.
+        Grid of all points.
     normal : (3, n) ndarray of float64
         Unit normals.
     few : (k,) ndarray of int64
@@ -36,7 +36,7 @@ def fits_in_balls(
     Returns
     -------
     PrincipalCurvatures
-        Of the k vertices.
+        Curvatures at the k vertices.
     """
     from ddgcli.algorithms.curvature.area_vectors import averaged_normals, star_areas  # imports scipy.sparse
 
@@ -68,14 +68,14 @@ def fits_at(
     regions : Regions
         One for each centre.
     penalty : float
-        Of the terms of degree three and four.
+        Penalty of the terms of degree three and four.
     basis : Basis
         Terms of the polynomials.
 
     Returns
     -------
     PrincipalCurvatures
-        Of the k vertices.
+        Curvatures at the k vertices.
     """
     gradient, hessian = fit_forms(
         points, normal, regions, penalty, points[:, few], centre_normal, basis=basis

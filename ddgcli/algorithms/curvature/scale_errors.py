@@ -1,4 +1,4 @@
-"""Errors of curvature in balls of growing radius, by its changes from one radius to the next."""
+"""Errors of curvature in balls of growing radius, estimated from its changes with the radius."""
 
 from __future__ import annotations
 
@@ -132,7 +132,7 @@ def flattening(reference: NDArray, mean: NDArray) -> float:
 
 
 def _without_tails(values: NDArray) -> NDArray[np.float64]:
-    """Values clipped at a few times their median size."""
+    """Values clipped at MAX_TAIL times their median size."""
     most = MAX_TAIL * float(np.median(np.abs(values)))
     return np.clip(values, -most, most)
 
@@ -147,7 +147,7 @@ def correlation(one: NDArray, other: NDArray) -> float:
     Returns
     -------
     float
-        1 where one of them is constant.
+        1 if one of them is constant.
     """
     a, b = (_without_tails(values - values.mean()) for values in (one, other))
     size = float((a @ a) * (b @ b)) ** 0.5
@@ -164,7 +164,7 @@ def kurtosis(difference: NDArray) -> float:
     Returns
     -------
     float
-        3 of normal noise, 1.5 of a wave; 1 of zeros.
+        3 for normal noise, 1.5 for a wave, 1 for zeros.
     """
     squared = difference**2
     square = float(squared.mean())
@@ -203,11 +203,11 @@ def whole_error(
     noise: NDArray,
     other: NDArray | None = None,
 ) -> float:
-    """Error at the best radius with the whole bias, where the error is part noise, part bias.
+    """Error at the best radius with the whole bias, of which the changes show only a part.
 
-    A bias that grows by `bias_growth` from each radius to the next changes by at most the next change over
-    that, or is the flattening of the reference: the rest of the error is noise, which changes by its whole
-    size.
+    The bias grows by the factor `bias_growth` from each radius to the next. Its share of the error is at most
+    the next change over this factor, or the flattening of the reference; the rest of the error is noise,
+    which changes by its whole size.
 
     Parameters
     ----------
@@ -239,7 +239,7 @@ def whole_error(
 
 
 def mean_size(difference: NDArray, bound: float = np.inf) -> float:
-    """Mean size, each at most `bound` times the median one: rims of a body have no curvature to settle on.
+    """Mean absolute value, each bounded by `bound` times the median: at rims, curvature does not converge.
 
     Parameters
     ----------
@@ -257,7 +257,7 @@ def mean_size(difference: NDArray, bound: float = np.inf) -> float:
 
 
 def typical_size(difference: NDArray) -> float:
-    """Mean size of differences, the largest left out: creases and boundaries have some at any radius.
+    """Mean absolute value without the largest ones, which creases and boundaries cause at any radius.
 
     Parameters
     ----------

@@ -1,12 +1,12 @@
-"""Mean curvature of a few vertices in balls of growing radius: what its changes show about the error.
+"""Mean curvature of a few vertices in balls of growing radius, and its error, estimated from the changes.
 
-From one radius to the next, longer by the square root of two, the error of noise falls by a factor of about
-three and the bias doubles. So the change between the two is about the error at the smaller one, whichever of
-them dominates, and without a model of the noise: stairs, lines of a scanner, rounded coordinates, spikes.
-Balls larger than the features of a surface change little with the radius though their bias is large. So each
-radius is also compared with all smaller ones, as Lepski's method does: curvature that is farther from theirs
-than their noise explains is biased. Averaged normals flatten small features most: their curvature is compared
-with that of fits in small balls.
+From one radius to the next, which is longer by the square root of two, the error due to noise falls by a
+factor of about three, and the bias doubles. The change between the two is therefore about the error at the
+smaller radius, whichever of the two dominates. This needs no model of the noise, which may be stairs, lines
+of a scanner, rounded coordinates or spikes. In balls larger than the features of a surface, the curvature
+changes little with the radius though its bias is large. Each radius is therefore also compared with all
+smaller ones (Lepski's method): a difference that their noise does not explain is bias. Averaged normals
+flatten small features most, so their curvature is compared with that of fits in small balls.
 """
 
 from __future__ import annotations
@@ -31,23 +31,25 @@ from ddgcli.algorithms.curvature.scale_errors import (
     whole_error,
 )
 
-MAX_SCALES = 12
-MAX_GROWTH = 2.0  # of the change of curvature over the least one, beyond which wider balls are not tried
-# of the bias from one radius to the next: quadratic fits of smooth surfaces double it, and averaged normals
-# multiply it by 1.3 (rounded boxes) to 1.7 (tori)
+MAX_SCALES = 12  # number of radii
+MAX_GROWTH = 2.0  # change of the curvature over the least change, above which wider balls are not tried
+# Growth of the bias from one radius to the next: 2 for quadratic fits of smooth surfaces; 1.3 (rounded boxes)
+# to 1.7 (tori) for averaged normals.
 QUADRATIC_BIAS_GROWTH, VOTING_BIAS_GROWTH = 2.0, 1.6
-# mean noise of a quadratic fit times radius^3, over the deviation of the vertices and the root of the area of
-# one: 2.7 to 3.5 on meshes of spheres, planes and tubes, in balls of three to six edges
+# Mean noise of a quadratic fit times radius^3, over the deviation of the vertices and the square root of the
+# area per vertex: 2.7 to 3.5 on meshes of spheres, planes and tubes, in balls of three to six edges.
 NOISE_OF_FITS = 3.0
-MIN_MEAN_SHARE = 0.25  # of the larger principal curvature: what counts as size of the mean curvature
-MAX_CHANGE = 5.0  # of a vertex over the median one, in the stated error
-# of the size with bounded tails over the whole one: less where most of a surface is flat, and its rims are
-# what bends (other surfaces of the figures have 0.3 and more)
+# Least size of the mean curvature to which errors are relative, over the larger principal curvature.
+MIN_MEAN_SHARE = 0.25
+MAX_CHANGE = 5.0  # bound of the change at a vertex over the median change, in stated errors
+# Size of the mean curvature with bounded tails over the size without bounds, below which only the rims of a
+# surface are curved and the rest is flat; the other surfaces of docs/accuracy have 0.3 or more.
 MIN_SIZE_WITHOUT_RIMS = 0.25
-ERROR_MARGIN = 1.25  # of the error of other fits: a difference beyond that is surely not theirs
-MAX_SURFACE_SHARE = 0.17  # of the surface's area that a ball may hold
-MIN_TURNING = 1e-9  # radians over a ball: curvature below is rounding, as where balls hold the whole surface
-MIN_ERROR = 0.01  # relative; all balls share some errors, as of the place of a staircase
+ERROR_MARGIN = 1.25  # factor on the error of other fits, beyond which a difference is not due to them
+MAX_SURFACE_SHARE = 0.17  # largest share of the surface's area in a ball
+# Curvature times radius below which the curvature is rounding, as if each ball contains the whole surface.
+MIN_TURNING = 1e-9
+MIN_ERROR = 0.01  # least relative error: balls of all radii share some errors, such as the offset of stairs
 
 
 class HiddenBias(Protocol):
@@ -74,11 +76,11 @@ class Scales:
     radius : (r,) ndarray
         Radii of the balls.
     change : (r,) ndarray
-        Typical change of the mean curvature from each to the next, the default region before the first.
+        Typical change of the mean curvature to each radius from the one before (first: the default region).
     best : int
-        Of the radius with the least error.
+        Index of the radius with the least error.
     best_radius : float
-        Where the error is least, between that radius and its neighbours.
+        Radius of the least error by interpolation between that radius and its neighbours.
     error, default_error, default_rms : float
         Relative errors of the mean curvature: mean over the vertices in the balls of that radius and over the
         default region, and root mean square over the latter.
@@ -90,17 +92,17 @@ class Scales:
     default, first_mean, mean : (k,) ndarray
         Mean curvature over the default region, in the first balls and in those of the best radius.
     size : float
-        What the errors are relative to.
+        Mean absolute mean curvature, to which the errors are relative.
     stated_size : float
-        The same without the rims of a body, unless the rest is flat: what `expected_error`, `own_error` and
-        errors in messages are relative to.
+        The same without the rims of a body, unless the rest is flat: `expected_error`, `own_error` and errors
+        in messages are relative to it.
     median_share, kurtosis : float
-        Of the difference between the default region and the balls of the best radius: the median of its size
-        over the mean, and the mean fourth power over the squared mean square.
+        Statistics of the difference between the default region and the balls of the best radius: its median
+        absolute value over the mean one, and its mean fourth power over the squared mean square.
     max_change : float
-        Of a vertex over the median one, in `own_error`.
+        Bound of the change at a vertex over the median change, in `own_error`.
     apart : float
-        Difference from the curvature of other fits surely beyond the error of these (`apart_from`), over
+        Difference from the curvature of other fits that their error does not explain (`apart_from`), over
         `size`.
     """
 
@@ -126,17 +128,17 @@ class Scales:
 
     @property
     def expected_error(self) -> float:
-        """Mean error at the best radius over `stated_size`: the own one, or that seen by other fits."""
+        """Mean error at the best radius over `stated_size`: `own_error`, or the distance to other fits."""
         return max(self.own_error, self.apart * self.size / self.stated_size)
 
     @property
     def fall(self) -> float:
-        """First change of the curvature over the second one: of noise and of stairs more than of details."""
+        """First change of the curvature over the second one: larger for noise and stairs than for details."""
         return float(self.change[0] / self.change[1]) if self.change[1] > 0 else np.inf
 
     @property
     def correlation(self) -> float:
-        """Correlation of the curvature over the default region with that in the first balls; 1 of none."""
+        """Correlation of the curvatures over the default region and in the first balls; 1 if constant."""
         return correlation(self.default, self.first_mean)
 
 
@@ -159,19 +161,19 @@ def measure_scales(
     Parameters
     ----------
     fits_at_radius : callable
-        Curvatures of the vertices in balls of a radius; None where these have too many members.
+        Curvatures of the vertices in balls of a radius; None if these contain too many vertices.
     vertices : (k,) ndarray of int
     default : (k,) ndarray
         Their mean curvature over the default region.
     first, largest : float
         Radius of a disk as large as the default region, and the largest radius.
     bias_growth : float
-        Of the bias of these fits from one radius to the next, above 1.
+        Growth of the bias of these fits from one radius to the next, above 1.
     reference : (k,) ndarray, optional
-        Mean curvature of other fits, which flatten small features less. Without it such fits gave `default`,
-        so that their noise there bounds that in the first ball.
+        Mean curvature of other fits, which flatten small features less. Without it, `default` must be from
+        the same fits, so that its noise bounds that in the first ball.
     other : (k,) ndarray, optional
-        That of such fits in balls of their best radius.
+        Mean curvature of such other fits in balls of their best radius.
     hidden_bias : callable, optional
         Mean bias that the changes do not show, from `default`, the fits of a radius and of the next one, the
         radius, and the largest bias of a vertex over the median one.
@@ -184,7 +186,7 @@ def measure_scales(
     Returns
     -------
     Scales or None
-        None where fewer than two radii could be measured, or the surface hardly bends in the balls.
+        None if fewer than two radii could be measured, or the surface is nearly flat in the balls.
     """
     radii, fits = _fits_of_scales(fits_at_radius, first, largest, max_radii)
     if len(fits) < 2:
@@ -262,10 +264,10 @@ def apart_from(scales: Scales, other: Scales, step: int) -> Scales:
     ----------
     scales : Scales
     other : Scales
-        Of other fits of independent errors. What their own error does not explain of the difference is the
-        error of `scales`, such as features that averaged normals flatten at any radius.
+        Scales of other fits with independent errors. The part of the difference that their error does not
+        explain is an error of `scales`, such as features that averaged normals flatten at any radius.
     step : int
-        From one vertex of `scales` to the next among those of `other`.
+        Every `step`-th vertex of `other` is one of `scales`.
 
     Returns
     -------

@@ -18,26 +18,27 @@ from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import dot
 
-MIN_MEMBERS = 10  # of a region, the vertex included, for a fit of degree two to the others
-MIN_HEIGHT = 0.05  # edges
-MIN_DEVIATIONS = 12  # of a spike's height, in deviations of the others from a fit of degree two
-MAX_CANDIDATES = 200  # vertices with the largest sums of dihedral angles, all edges of a spike bend one way
-THREE_RINGS = (
-    1_000  # neighbours: fewer in two rings take a third one; two rings around the tip of a cone fit it
-)
+MIN_MEMBERS = 10  # vertices of a region, with the centre, for a quadratic fit to the others
+MIN_HEIGHT = 0.05  # height of a spike in edges
+MIN_DEVIATIONS = 12  # height of a spike over the deviation of the others from the fit
+# candidates: vertices with the largest sums of dihedral angles, since all edges of a spike bend the same way
+MAX_CANDIDATES = 200
+# Regions with fewer vertices in two rings get a third ring. Two rings around the tip of a cone fit it too
+# well.
+THREE_RINGS = 1_000
 
 
 def spikes_among(
     points: NDArray, normal: NDArray, regions: Regions, vertices: NDArray, edge: float
 ) -> NDArray[np.bool_]:
-    """Mark vertices far off the fit to the others of their regions, whose residuals are small.
+    """Mark vertices that are far from the fit to the other vertices of their region, with small residuals.
 
     Parameters
     ----------
     points, normal : (3, n) ndarray
         Positions in length units, and unit normals, of all vertices.
     regions : Regions
-        Of the k vertices.
+        Regions of the k vertices.
     vertices : (k,) ndarray of int
     edge : float
         Mean edge length, in length units.
@@ -55,7 +56,7 @@ def spikes_among(
     is_other = np.flatnonzero(region.member != centre.take(owner))
     count = np.bincount(owner.take(is_other), minlength=len(large))
     start, member = list_starts(count), region.member.take(is_other)
-    # the normal of a spike's star is far off: that of the mean of the others is not
+    # the normal at a spike is wrong, so the mean normal of the others is used
     around = np.add.reduceat(np.take(normal, member, axis=1), start[:-1], axis=1)
     length = np.sqrt(dot(around, around))  # 0 where they cancel, between two coincident sheets
     up = np.where(length > 0, around / np.maximum(length, 1e-300), normal[:, centre])
@@ -80,13 +81,13 @@ def spikes_among(
 
 
 def warn_of_spikes(mesh: TriangleMesh, faces: Faces, dihedral: NDArray) -> None:
-    """Report single vertices far off a smooth surface, which are too few to matter to the mean error.
+    """Warn about single vertices far off a smooth surface, which are too few to affect the mean error.
 
     Parameters
     ----------
     mesh : TriangleMesh
     faces : Faces
-        Of the mesh.
+        Faces of the mesh.
     dihedral : (e,) ndarray
         Dihedral angles of the edges in radians, positive where convex.
     """

@@ -1,4 +1,4 @@
-"""Boundaries of voxels, recognised by the shapes of their faces and by their creases."""
+"""Recognition of voxel boundaries (staircases) by the shapes of their faces and by their creases."""
 
 from __future__ import annotations
 
@@ -11,35 +11,35 @@ from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import dot
 
-STEP_ANGLE = np.pi / 12  # dihedral angle from which an edge is a crease of a staircase
-# least share of vertices on convex and on concave creases, and of faces of the most frequent shapes, among
-# FACE_SHAPES of them: boundaries of voxels have 0.13 to 0.66 and 1, terraces of nearly
-# flat bodies 0.027 and more; scans and mechanical parts at most 0.65 of the faces
+STEP_ANGLE = np.pi / 12  # dihedral angle in radians above which an edge is a crease of a staircase
+# Least share of vertices on convex and on concave creases, and least share of faces with one of the
+# FACE_SHAPES most frequent shapes. Voxel boundaries have 0.13 to 0.66 and 1, terraces of nearly flat bodies
+# 0.027 or more of the vertices; scans and mechanical parts have at most 0.65 of the faces.
 MIN_STEPPED_SHARE, MIN_SHAPE_SHARE = 0.02, 0.95
 FACE_SHAPES, MIN_FACES_OF_A_SHAPE = 128, 4
 SHAPE_SAMPLE_SIZE = 5000  # faces whose shapes are compared
 NORMAL_RESOLUTION, AREA_RESOLUTION = 0.02, 0.1  # of the components of a normal, and of log2 of an area
-# sides of the faces of voxels are whole combinations of three of them: 0.99 to 1 of them, of periodic sheets
-# and gears, whose faces have few shapes too, 0.3 to 0.67
+# Least share of sides that are integer combinations of three of them: 0.99 to 1 for voxels. Periodic sheets
+# and gears, whose faces have few shapes, too, have 0.3 to 0.67.
 MIN_LATTICE_SHARE = 0.9
-SIDE_RESOLUTION = 0.05  # of the mean length: up to which two sides count as equal
+SIDE_RESOLUTION = 0.05  # difference over the mean length below which two sides count as equal
 MIN_SIDES_OF_A_KIND = 3
-WHOLE_TOLERANCE = 0.05  # of a coefficient, from a whole number
+WHOLE_TOLERANCE = 0.05  # distance of a coefficient from an integer below which it counts as one
 MIN_INDEPENDENCE = 0.1  # sine of the angle of a side to the line or plane of those before it
 
 
 def is_staircase(mesh: TriangleMesh, faces: Faces, dihedral: NDArray) -> bool:
-    """Whether a surface is the boundary of voxels, by squares or by marching cubes through their centres.
+    """Whether a surface is a voxel boundary, made of squares or by marching cubes through voxel centres.
 
     Such a surface has convex and concave creases at many vertices, faces of few shapes (normal and area), and
-    vertices on a lattice, also where the voxels are turned or no cubes. Mechanical parts have many shapes,
-    and the waves and teeth of periodic surfaces are not on a lattice.
+    vertices on a lattice, even if the voxels are rotated or not cubes. Mechanical parts have many shapes, and
+    the waves and teeth of periodic surfaces are not on a lattice.
 
     Parameters
     ----------
     mesh : TriangleMesh
     faces : Faces
-        Of the mesh.
+        Faces of the mesh.
     dihedral : (e,) ndarray
         Dihedral angles of the edges in radians, positive where convex.
 
@@ -50,7 +50,7 @@ def is_staircase(mesh: TriangleMesh, faces: Faces, dihedral: NDArray) -> bool:
     edges, n_referenced = mesh.topology.edges, int(mesh.topology.referenced_vertex.sum())
     least = MIN_STEPPED_SHARE * n_referenced
     creases = [np.flatnonzero(dihedral > STEP_ANGLE), np.flatnonzero(dihedral < -STEP_ANGLE)]
-    if min(2 * len(crease) for crease in creases) < least:  # each has two ends
+    if min(2 * len(crease) for crease in creases) < least:  # each crease has two ends
         return False
     for crease in creases:
         ends = np.zeros(mesh.n_vertices, dtype=bool)
@@ -64,7 +64,8 @@ def is_staircase(mesh: TriangleMesh, faces: Faces, dihedral: NDArray) -> bool:
             [faces.normal[:, sample] / NORMAL_RESOLUTION, np.log2(area / np.median(area)) / AREA_RESOLUTION]
         )
     )
-    keys = (keys - keys.min(axis=1, keepdims=True)).astype(np.int64)  # one number each sorts in a twentieth
+    # one integer per face, because sorting integers is 20 times as fast as sorting columns
+    keys = (keys - keys.min(axis=1, keepdims=True)).astype(np.int64)
     shape = np.ravel_multi_index(tuple(keys), tuple(keys.max(axis=1) + 1))
     count = np.sort(np.unique(shape, return_counts=True)[1])[::-1]
     frequent = count[: min(FACE_SHAPES, len(sample) // MIN_FACES_OF_A_SHAPE)]
@@ -74,7 +75,7 @@ def is_staircase(mesh: TriangleMesh, faces: Faces, dihedral: NDArray) -> bool:
 
 
 def sampled_sides(faces: Faces) -> NDArray[np.float64]:
-    """Vectors along the sides of some faces with area.
+    """Side vectors of a sample of the faces with positive area.
 
     Parameters
     ----------
@@ -94,13 +95,14 @@ def _sampled_faces(faces: Faces) -> NDArray[np.int64]:
 
 
 def _lattice_share(vectors: NDArray) -> float:
-    """Share of vectors (3, k) that are whole combinations of the three shortest independent frequent ones.
+    """Share of vectors (3, k) that are integer combinations of three of them.
 
-    The shortest independent vectors of a lattice in space generate it.
+    These are the three shortest independent ones among the frequent vectors, which generate a lattice in
+    space.
     """
     resolution = SIDE_RESOLUTION * np.sqrt(dot(vectors, vectors).mean())
-    places = np.arange(vectors.shape[1])
-    vectors = vectors * np.sign(vectors[np.abs(vectors).argmax(axis=0), places])  # of both directions one
+    # a vector and its opposite count as the same
+    vectors = vectors * np.sign(vectors[np.abs(vectors).argmax(axis=0), np.arange(vectors.shape[1])])
     _, kind, count = np.unique(np.rint(vectors / resolution), axis=1, return_inverse=True, return_counts=True)
     means = np.stack([sum_by_index(kind.ravel(), column, len(count)) / count for column in vectors])
     frequent = means[:, count >= MIN_SIDES_OF_A_KIND]
@@ -121,16 +123,16 @@ def _lattice_share(vectors: NDArray) -> float:
 
 
 def cancellation(mesh: TriangleMesh, faces: Faces, dihedral: NDArray, regions: Regions) -> float:
-    """Median over regions of the total signed bending over the total bending: 1 where all creases are convex.
+    """Median over regions of the absolute signed bending over the total bending; 1 if all creases are convex.
 
-    Noise and stairs have as many concave creases beside convex ones; a crease of a part, a fold or a rounded
+    In noise and stairs convex and concave creases cancel; a crease of a mechanical part, a fold or a rounded
     detail has one sign over two rings.
 
     Parameters
     ----------
     mesh : TriangleMesh
     faces : Faces
-        Of the mesh.
+        Faces of the mesh.
     dihedral : (e,) ndarray of float64
         Dihedral angles in radians, positive where convex.
     regions : Regions

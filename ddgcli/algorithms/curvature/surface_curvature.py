@@ -113,7 +113,7 @@ def measure_curvature(
         Any surface with area. Warnings report what defects of the mesh do to the numbers.
     scheme : {'quadric', 'corrected', 'normal-cycle', 'normal-voting', 'cotan'}
     radius : float, optional
-        Of the ball to measure in, in length units; default the vertex star (two rings for 'quadric'). 'auto'
+        Radius of the balls, in length units; default: the vertex star (two rings for 'quadric'). 'auto'
         takes the radius of `estimate_noise` where the run without a radius warns of noise, and the default
         elsewhere.
     image : (n, 2) or (n, 3) ndarray, optional

@@ -38,11 +38,11 @@ class VertexBalls(NamedTuple):
     columns : (3, n) ndarray of float64
         Positions.
     radii : (n,) ndarray of float64
-        Of the ball around each vertex.
+        Radius of the ball around each vertex.
     first_neighbour, neighbour : ndarray of int64
         Ragged lists of the neighbours of the vertices.
     tree : cKDTree
-        Of the positions.
+        k-d tree of the positions.
     """
 
     columns: NDArray
@@ -59,7 +59,7 @@ class VertexBalls(NamedTuple):
         ----------
         mesh : TriangleMesh
         radius : float or (n,) ndarray
-            Of all balls, or of that around each vertex.
+            Radius of all balls, or of the ball around each vertex.
 
         Returns
         -------
@@ -112,7 +112,7 @@ def vertex_balls(mesh: TriangleMesh, radius: float | NDArray, *, jobs: int = 1) 
     ----------
     mesh : TriangleMesh
     radius : float or (n,) ndarray
-        Of all balls, or of that around each vertex.
+        Radius of all balls, or of the ball around each vertex.
     jobs : int
         Processes that handle blocks; the result does not depend on it.
 

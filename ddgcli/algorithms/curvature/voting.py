@@ -58,8 +58,8 @@ def normal_voting(
     normal : (3, n) ndarray
         Unit normals, for the choice of rings.
     radius : float or (n,) ndarray, optional
-        Of the ball, or of that of each vertex; a vertex whose ball holds fewer neighbours than its two rings
-        keeps the rings.
+        Radius of the balls, one or for each vertex; a vertex whose ball has fewer neighbours than its two
+        rings keeps the rings.
     jobs : int
         Processes that search the balls; the result does not depend on it.
 
@@ -94,15 +94,15 @@ def normal_voting_at(
     few : (k,) ndarray of int64
         Vertices to measure.
     tree : cKDTree
-        Of all vertices.
+        k-d tree of all vertices.
     radius : float
     max_pairs : float
 
     Returns
     -------
     PrincipalCurvatures or None
-        Of the k vertices; None where the balls around all vertices of these balls would have more than
-        `max_pairs` members.
+        Curvatures at the k vertices; None if the balls around all vertices of these balls would have more
+        than `max_pairs` members.
     """
     regions = balls_around(faces.points, few, tree, radius)
     around, place = np.unique(regions.member, return_inverse=True)
