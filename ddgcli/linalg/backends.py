@@ -218,7 +218,7 @@ def _solver_of_little_memory(
 ) -> tuple[str | None, Analysis | None]:
     """Iterative solver where the factors do not fit, with a warning, else None; and the analysis if made.
 
-    Of a matrix that has (size, size) blocks in the places of the entries. `further` bytes come on top.
+    Each entry of the pattern is a (size, size) block. `further` bytes are added.
     """
     n = size * matrix.shape[0]
     available = max(available_memory() - further, 0.0) if n >= MIN_CHECKED_UNKNOWNS else np.inf
@@ -253,7 +253,7 @@ def direct_fits(matrix: csc_array) -> bool:
 def factor_bytes(matrix: csc_array, enough: float) -> float:
     """Bytes of a Cholesky factorisation: an upper bound below `enough`, else by symbolic analysis.
 
-    Of graphs without short separators, for which there is no cheap analysis, the upper bound.
+    For graphs without short separators, which have no cheap analysis, this is an upper bound.
     """
     return _needed_bytes(matrix, enough, None)[0]
 
@@ -281,7 +281,7 @@ def make_backend(name: str, matrix: csc_array, like: Backend | Analysis | None =
         Such as `multifrontal`, `superlu`, `cholmod`, `pivoted` or the name of an iterative solver.
     matrix : (n, n) csc_array
     like : Backend or Analysis, optional
-        Of a matrix with the same pattern; its analysis is used again.
+        Backend for a matrix with the same pattern, whose analysis is reused.
 
     Returns
     -------

@@ -23,7 +23,7 @@ class NewtonStep:
         Estimate of the largest entry of the error.
     rounds : int
     convex : bool
-        No direction of negative curvature ended the search.
+        Whether no direction of negative curvature was met.
     """
 
     x: NDArray[np.float64]
@@ -40,7 +40,7 @@ def truncated_conjugate_gradients(
     max_iterations: int,
     continue_past: Callable[[float], bool] = lambda first: False,
 ) -> NewtonStep | None:
-    """Approximate solution of a symmetric system; a descent direction if rhs = -gradient, wherever it stops.
+    """Approximate solution of a symmetric system, which is a descent direction if rhs = -gradient.
 
     Parameters
     ----------
@@ -48,24 +48,24 @@ def truncated_conjugate_gradients(
         The matrix, and the inverse of a positive definite one near it.
     rhs : (n,) ndarray
     tolerance : callable float -> float
-        From the largest entry of the first guess: how large the missing part may be.
+        Allowed error as a function of the largest entry of the first guess.
     max_iterations : int
     continue_past : callable float -> bool
-        From the same entry: whether to continue where the curvature is negative, to a stationary point of any
-        kind (as long as the way there descends).
+        Whether to continue past negative curvature, as a function of the same entry: to a stationary point of
+        any kind, as long as the path descends.
 
     Returns
     -------
-    NewtonStep, or None where the preconditioner turns out not to be positive definite.
+    NewtonStep, or None if the preconditioner turns out not to be positive definite.
 
     Notes
     -----
-    Ends at the first direction of negative curvature, with what was found before it or with the first guess
-    (T. Steihaug, "The conjugate gradient method and trust regions in large scale optimization", 1983).
-    Where the preconditioner's own guess is about as long as it should be, it is taken whole before the
-    conjugate directions begin: then what is left has no part along vectors on which matrix and preconditioner
-    agree, such as translations, and their balance is kept to rounding. (Later steps may then climb; where
-    they do, that guess is the answer.)
+    The iteration ends at the first direction of negative curvature, with the iterate before it or the first
+    guess (T. Steihaug, "The conjugate gradient method and trust regions in large scale optimization", 1983).
+    If the length of the preconditioner's first guess is about right, the whole guess is taken before the
+    conjugate directions start. The residual then has no component along vectors on which matrix and
+    preconditioner agree, such as translations, and their balance is exact up to rounding. (Later steps may
+    then increase the objective; if they do, the first guess is returned.)
     """
     x, r = np.zeros_like(rhs), rhs.copy()
     z = precondition(r)
@@ -108,9 +108,9 @@ class TrustRegionMinimum:
     ----------
     x : ndarray
     fall : float
-        Of the quadratic model from zero to x.
+        Decrease of the quadratic model from zero to x.
     at_boundary : bool
-        The trust region, or a direction of negative curvature, has ended the search.
+        Whether the iteration ended at the trust region or at a direction of negative curvature.
     """
 
     x: NDArray[np.float64]

@@ -72,7 +72,7 @@ class Dirichlet:
     fixed : (k,) ndarray of int, or (n,) ndarray of bool
         Fixed unknowns. A component without one must be non-singular.
     like : Factor, optional
-        Of a matrix of the same pattern with the fixed unknowns, whose analysis is used again: then these
+        Factor of a matrix of the same pattern, with the fixed unknowns, whose analysis is reused: these then
         remain in the system, decoupled, instead of being removed.
     options
         Passed on to `Factor`.
@@ -182,9 +182,9 @@ class Poisson:
     Attributes
     ----------
     imbalance : float
-        Of the last `solve`: the largest |sum of the right-hand side| over a component, relative to the sum of
-        the absolute values of its terms. Where it is not zero the problem has no solution, and the part of
-        the right-hand side that has was solved instead.
+        Imbalance of the last `solve`: the largest |sum of the right-hand side| over a component, relative to
+        the sum of the absolute values of its terms. If it is not zero, the problem has no solution, and the
+        right-hand side was replaced by its balanced part.
     """
 
     def __init__(self, stiffness: sparray, mass: sparray | NDArray | None = None, **options: Any) -> None:

@@ -1,9 +1,9 @@
-"""Conjugate gradients for displacements of vertices, where the factors of a mechanical system do not fit.
+"""Conjugate gradients for vertex displacements of mechanical systems whose factors do not fit into memory.
 
-Preconditioners: smoothed aggregation (`aggregation`) whose levels all represent the rigid motions (the extra
-`multigrid`), and the inverses of the (3, 3) blocks of the vertices, which need no further library and many
-more iterations. Iterations end when the error in the norm of the preconditioner is `REDUCTION` of the first;
-Newton's iteration measures its own residual.
+The preconditioner is smoothed aggregation (`aggregation`) with the rigid motions on every level (the extra
+`multigrid`), or the inverses of the (3, 3) blocks of the vertices, which need no further library but many
+more iterations. Iterations end when the error in the norm of the preconditioner is `REDUCTION` times the
+first one; Newton's method measures its own residual.
 
 P. Vanek, J. Mandel, M. Brezina, "Algebraic multigrid by smoothed aggregation for second and fourth order
 elliptic problems", 1996.
@@ -26,11 +26,10 @@ from ddgcli.linalg.iterative import jacobi, require_multigrid
 
 __all__ = ["BlockIterative", "RigidMotions"]
 
-REDUCTION = 1e-6  # of the error of a solution, in the norm of the preconditioner
+REDUCTION = 1e-6  # error of a solution over that of zero, in the norm of the preconditioner
 MAX_ITERATIONS = 3000
-LOCAL_DISTANCE = (
-    10.0  # mean difference of neighbours' indices, in units of sqrt(n), up to which caches hold them
-)
+# mean index difference of neighbours over sqrt(n), up to which neighbours are close enough for caches
+LOCAL_DISTANCE = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,9 +59,9 @@ class BlockIterative:
     ----------
     name : str
     reduction : float
-        Of the error of a solution, in the norm of the preconditioner.
+        Factor by which a solve reduces the error, in the norm of the preconditioner.
     most_iterations : int
-        Of one solution since the start.
+        Largest number of iterations of a solve since the start.
     residual : float
         Largest |A x - b| / |b| of all solves, Euclidean norms.
     """

@@ -30,14 +30,14 @@ from ddgcli.representation import short_repr
 log = logging.getLogger("ddgcli")
 
 MAX_DENSE_SIZE = 400  # unknowns; larger problems are dense only for more than a third of the spectrum
-VECTORS_PER_PAIR = 4  # in memory
-SHIFTED_WIDTH = 8  # vectors of a block: the multifrontal solver takes as long for eight as for four
-MIN_MULTIFRONTAL_COUNT = 50_000  # entries of a matrix, from which the multifrontal factor counts cheaper
-SMALL = 1e-2  # eigenvalue relative to the shift, below which it loses at least two digits
-MAX_SCALE_RATIO = 1e6  # of the mean eigenvalues of components that are solved together
-EQUAL = 1e-6  # relative difference of values that are copies of one: far above the tolerance of Lanczos
-ROUNDING = 1e-9  # of a zero eigenvalue, relative to the shift
-ITERATIVE_RESIDUAL = 1e-13  # of solutions by conjugate gradients, a thousandth of what Lanczos tolerates
+VECTORS_PER_PAIR = 4  # vectors in memory per eigenpair
+SHIFTED_WIDTH = 8  # vectors per block: the multifrontal solver takes as long for eight as for four
+MIN_MULTIFRONTAL_COUNT = 50_000  # stored entries above which a multifrontal factor counts inertia faster
+SMALL = 1e-2  # eigenvalue over the shift below which it loses at least two digits
+MAX_SCALE_RATIO = 1e6  # ratio of mean eigenvalues of components that are solved together
+EQUAL = 1e-6  # relative difference of copies of a multiple eigenvalue, far above the tolerance of Lanczos
+ROUNDING = 1e-9  # rounding of a zero eigenvalue over the shift
+ITERATIVE_RESIDUAL = 1e-13  # residual of conjugate gradients, a thousandth of the tolerance of Lanczos
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,10 +54,10 @@ class Eigenpairs:
         Norm of L x - lambda M x relative to that of |L| |x|, the terms that L x is summed from, plus that of
         lambda M x: the relative change of L that would make the pair exact.
     complete : bool
-        Whether no eigenvalue is missing below the last one: by a count by inertia, where as many are equal as
-        a block of Lanczos has vectors (4 for few pairs); fewer copies have all come in once they converge. Of
-        a multiple last eigenvalue only as many copies are returned as k allows. True, with a warning, where
-        the count does not fit into memory.
+        Whether no eigenvalue is missing below the last one. Lanczos finds all copies of a multiple eigenvalue
+        if there are fewer than the vectors of a block (4 for few pairs); otherwise they are counted by
+        inertia. A multiple last eigenvalue is returned with only as many copies as k allows. True, with a
+        warning, if the count does not fit into memory.
     solver : str
         Name of the linear solver; 'dense' for few unknowns, 'none' where all eigenvalues are zero.
     """

@@ -49,7 +49,7 @@ class Factor:
         `fast` is installed, otherwise our multifrontal factorisation, and for small ones SuperLU of scipy;
         where the factors do not fit into the available memory, conjugate gradients (`iterative.py`).
     like : Factor, optional
-        Of another matrix of the same pattern: its elimination order and symbolic analysis are used again.
+        Factor of a matrix with the same pattern, whose elimination order and symbolic analysis are reused.
 
     Attributes
     ----------

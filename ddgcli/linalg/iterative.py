@@ -58,7 +58,7 @@ def require_multigrid(name: str) -> None:
     Parameters
     ----------
     name : str
-        Of the solver.
+        Name of the solver.
 
     Raises
     ------
@@ -81,13 +81,13 @@ class Iterative:
     Attributes
     ----------
     iterations : int
-        Of all solves since the last `refactor`.
+        Total number of iterations since the last `refactor`.
     most_iterations : int
-        Of one solution since the start.
+        Largest number of iterations of a solve since the start.
     residual : float
         Largest |A x - b| / |b| of all solves, Euclidean norms.
     sufficient_residual : float
-        Of a solution that needs no further round; 0, the default: only rounding is left in each row.
+        Residual at which iterations stop; 0, the default, stops only at rounding in each row.
 
     Raises
     ------

@@ -41,7 +41,7 @@ class CholeskyGroup:
     update_row : (g, u) ndarray of int64
         `update` as such rows.
     sign : (g, s) ndarray of float64, or None
-        Of the pivots; None if all are positive.
+        Signs of the pivots; None if all are positive.
     """
 
     pivot: NDArray[np.int64]
@@ -237,7 +237,7 @@ class PivotOrder:
     unknown : (p,) ndarray of int64
         n for padding.
     row : (n,) ndarray of int64
-        Of each unknown, its place in `unknown`.
+        Index of each unknown in `unknown`.
     """
 
     unknown: NDArray[np.int64]

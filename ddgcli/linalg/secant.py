@@ -20,7 +20,7 @@ def secant_solve(
     Parameters
     ----------
     rhs : ndarray of float64
-        Of any shape.
+        Right-hand side, of any shape.
     pairs : sequence of (motion, change)
         Motions and the changes of the gradient over them, of the shape of `rhs`, the oldest first; their
         products are positive.
@@ -32,7 +32,7 @@ def secant_solve(
     Returns
     -------
     ndarray of float64
-        Of the shape of `rhs`.
+        Solution, with the shape of `rhs`.
 
     References
     ----------

@@ -37,7 +37,7 @@ class ShiftInvert:
     Attributes
     ----------
     shift : float
-        Of the factor; set by `factorise_near`.
+        Shift of the factor; set by `factorise_near`.
     """
 
     def __init__(self, stiffness: csr_array, mass: csr_array) -> None:
