@@ -137,7 +137,7 @@ def in_256_colours(pixels: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], NDArra
     -------
     palette : (256, 3) ndarray of uint8
     number : (h, w) ndarray of uint8
-        Of the colour of each pixel.
+        Index of the colour of each pixel.
     """
     from PIL import Image
 
@@ -157,7 +157,7 @@ def in_256_colours(pixels: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], NDArra
 
 
 def _nearest(point: NDArray[np.int64], others: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Of each point, the number of the nearest of some others; in whole numbers, so that ties are exact."""
+    """Index of the nearest of some other points for each point; in integers, so that ties are exact."""
     return np.argmin((others * others).sum(axis=1) - 2 * (point @ others.T), axis=1)
 
 

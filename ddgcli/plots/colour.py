@@ -64,7 +64,7 @@ def is_signed(name: str, dimension: int = 1) -> bool | None:
     ----------
     name : str
     dimension : int
-        Of the array: 1 for numbers, 2 for vectors.
+        Number of dimensions of the array: 1 for scalars, 2 for vectors.
 
     Returns
     -------
@@ -250,7 +250,7 @@ def colour_bar(
     place : (float, float, float, float)
         Left, bottom, width and height, as shares of the page.
     whole : bool
-        Of integers: ticks at whole numbers only.
+        Whether the values are integers, with ticks at integers only.
     """
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize

@@ -52,7 +52,7 @@ def draw_curves(
         One array of vertex values a curve.
     closed : bool, or one for each curve
     groups : sequence of int, optional
-        Of each curve: those of different groups, as of different times, do not cut each other.
+        Group of each curve; curves of different groups (such as times) do not hide each other.
     label, title, signed, limits, bar, fit, view, up
         As for `draw_surface`.
     vectors : sequence of (points (k, 3), vectors (k, 3), colour)

@@ -29,9 +29,9 @@ class Glyphs:
     stripes : bool
         Lines without heads, through their places: v and -v are the same direction.
     faces : (m, 3) ndarray of int64, optional
-        Of the surface in the picture, the places its vertices: arrows are drawn at equal distances.
+        Faces of the surface, if the positions are its vertices: arrows are drawn at equal distances.
     lines : bool
-        Draw streamlines, which need the faces.
+        Whether to draw streamlines, which need the faces.
     """
 
     places: NDArray[np.float64]

@@ -275,7 +275,7 @@ def draw_motion(
         As for `draw_chart`, over the time.
     style : SequenceStyle
     ylabel : str
-        Of the chart.
+        Label of the vertical axis.
     width, height : float
         Inches.
     dpi : float

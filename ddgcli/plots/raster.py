@@ -61,7 +61,7 @@ def view_axes(points: NDArray, view: View = None, up: str = "z") -> NDArray[np.f
     Parameters
     ----------
     points : (k, 3) ndarray
-        Of the shape, for the default view.
+        Points of the shape, which determine the default view.
     view : {'x', 'y', 'z', 'iso'} or (float, float), optional
         Name, or elevation and azimuth in degrees; None looks along the normal of a flat surface, and from
         above and the side at other surfaces.

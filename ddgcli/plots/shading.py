@@ -39,7 +39,7 @@ class ShadingSpots:
     sample : (k,) ndarray of int64
         Flat indices of the samples of other pixels that show a face: the further spots.
     face : (s,) ndarray of int32
-        Of each spot, those of whole pixels first.
+        Face of each spot; spots of whole pixels come first.
     barycentric : (s, 3) ndarray of float64
     """
 
@@ -57,11 +57,11 @@ def shading_spots(
     Parameters
     ----------
     visible : PixelFaces
-        Of the samples.
+        Visible faces of the samples.
     every_sample : bool
         No pixel is whole, for colours that jump within a face.
     heights : (m, 3) ndarray, optional
-        Of `altitude`, where sides of faces are drawn: pixels near them are not whole.
+        Heights from `altitude`, if sides of faces are drawn: pixels near them are divided.
 
     Returns
     -------
@@ -142,9 +142,9 @@ def brightness(
     mesh : TriangleMesh
     spots : ShadingSpots
     heights : (m, 3) ndarray, optional
-        Of `altitude`: the sides of the faces are darker.
+        Heights from `altitude`; the sides of the faces are drawn darker.
     from_below : bool
-        Of the camera; the light is then below too, so that it reaches what the picture shows.
+        Whether the camera is below; the light is then below, too, and reaches the visible side.
     shade_backs : bool
         Backs of faces of an open surface are darker than fronts.
 
@@ -174,10 +174,10 @@ def picture_of_spots(visible: PixelFaces, spots: ShadingSpots, colour: NDArray) 
     Parameters
     ----------
     visible : PixelFaces
-        Of the samples.
+        Visible faces of the samples.
     spots : ShadingSpots
     colour : (s, 3) ndarray
-        Of each spot, in [0, 1].
+        Colour of each spot, in [0, 1].
 
     Returns
     -------

@@ -126,7 +126,7 @@ def draw_beside(
     pictures : sequence of (TriangleMesh, dict)
         Each mesh with its own `values` and options of `draw_surface`.
     width, height : float
-        Of the page in inches.
+        Size of the page in inches.
     dpi : float
     **options
         Options of all pictures.

@@ -23,7 +23,7 @@ SEGMENT_LENGTH = 1 << 20
 
 @dataclass(frozen=True, eq=False)
 class ViewedObject:
-    """What one input shows.
+    """Contents of the page for one input.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def page_bytes(
     objects : sequence of ViewedObject
         One at least.
     times : sequence of float
-        Of the frames, in seconds; empty where nothing moves.
+        Times of the frames in seconds; empty if nothing moves.
     show : str, optional
         Array to begin with; default: the first that is not a map, such as `input_vertex`.
     up : {'y', 'z'}, optional
@@ -115,7 +115,7 @@ def _first_frame(objects: Sequence[ViewedObject], centre: NDArray, size: float) 
 
 
 def _object(viewed: ViewedObject, centre: NDArray, size: float) -> dict[str, Any]:
-    """What the page draws; positions are relative to the bounding box, in single precision."""
+    """Data that the page draws; positions are relative to the bounding box, in single precision."""
     arrays = [_array(name, "vertex", values_by_frame) for name, values_by_frame in viewed.vertex.items()]
     arrays += [_array(name, "face", values_by_frame) for name, values_by_frame in viewed.face.items()]
     return {

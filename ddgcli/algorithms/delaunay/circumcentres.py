@@ -88,7 +88,7 @@ def seek_circumcentres(state: SideArrays, face: NDArray) -> Targets:
     Parameters
     ----------
     state : SideArrays
-        Of a Delaunay triangulation.
+        Side arrays of a Delaunay triangulation.
     face : (k,) ndarray of int64
 
     Returns
@@ -149,7 +149,7 @@ def conflict_cavity(state: SideArrays, targets: Targets) -> Cavity:
     Parameters
     ----------
     state : SideArrays
-        Of a Delaunay triangulation.
+        Side arrays of a Delaunay triangulation.
     targets : Targets
 
     Returns

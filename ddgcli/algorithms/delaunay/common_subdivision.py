@@ -93,7 +93,8 @@ class CommonSubdivision:
     crossings : CrossingPositions
         Positions of the crossings; properties are computed from them on demand.
     lifted : CommonSubdivision, optional
-        Of a one-sided surface: that of its double cover, for which alone `corner` and `half_side` are right.
+        For a one-sided surface, the subdivision of its double cover; `corner` and `half_side` are valid only
+        there.
     """
 
     input: TriangleMesh
@@ -174,7 +175,7 @@ class CrossingPositions:
     base : BaseTriangulation
     halves : Crossings
     labels : Labels
-        Of the crossings with input edges alone.
+        Labels of the crossings with input edges only.
     share, along : (x,) ndarray of float64
         Positions: shares of the lengths of the base side (`labels.crossed`) and of the intrinsic side, from
         their tails.

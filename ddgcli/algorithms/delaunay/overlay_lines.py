@@ -143,9 +143,9 @@ def in_order(share: NDArray, label: NDArray, edges: BaseEdges) -> NDArray[np.flo
     Parameters
     ----------
     share : (x,) ndarray of float64
-        Of the base side that is crossed, seen from the first side of the edge.
+        Position on the crossed base side, seen from the first side of the edge.
     label : (x,) ndarray of int64
-        Of all crossings of some base edges: see `BaseEdges.label`.
+        Labels of all crossings of some base edges: see `BaseEdges.label`.
     edges : BaseEdges
 
     Returns
