@@ -1,8 +1,8 @@
 """Intrinsic Delaunay triangulations of surfaces.
 
 Edge flips (`triangulation`, `flips`), cuts of boundary edges (`boundary_splits`), refinement by Steiner
-points (`refine`), the common subdivision with the input (`common_subdivision`), and functions carried between
-the two (`transfer`). `report` runs all of it.
+points (`refine`), the common subdivision with the input (`common_subdivision`), and the transfer of functions
+(`transfer`) and points (`point_location`) between the two. `intrinsic_delaunay` runs all of it.
 """
 
 __all__ = [
@@ -20,7 +20,7 @@ __all__ = [
     "refine",
     "refine_batches",
     "steiner_base",
-    "steiner_places",
     "transfer",
     "triangulation",
+    "vertex_locations",
 ]

@@ -12,7 +12,8 @@ from ddgcli.algorithms.delaunay.gluing import around
 
 MAX_TRACE_STEPS = 1000
 MIN_BARYCENTRIC = 1e-3  # least barycentric coordinate of a point in the intrinsic face that it cuts
-INSIDE_PLACE, OUTSIDE_PLACE, BOUNDARY_PLACE, UNKNOWN_PLACE = 0, 1, 2, 3
+# values of `Targets.status`: where a point to insert is, relative to the surface
+INSIDE, OUTSIDE, ON_BOUNDARY, UNKNOWN = 0, 1, 2, 3
 
 
 @dataclass(eq=False)
@@ -104,14 +105,14 @@ def seek_circumcentres(state: SideArrays, face: NDArray) -> Targets:
     centre = 0.5 * length * (1 + 0.5j * (1 / t - t))
     corners = np.stack([np.zeros(len(face)), length, apex_of(state, side) * length], axis=1)
     start = corners.mean(axis=1)
-    targets = Targets(np.full(len(face), INSIDE_PLACE), side, corners, centre)
+    targets = Targets(np.full(len(face), INSIDE), side, corners, centre)
     going = np.flatnonzero(t > 1.0)
     for _ in range(MAX_TRACE_STEPS):
         if len(going) == 0:
             return targets
         entered = state.twin[targets.side[going]]
         closed = entered >= 0
-        targets.status[going[~closed]] = OUTSIDE_PLACE
+        targets.status[going[~closed]] = OUTSIDE
         going, entered = going[closed], entered[closed]
         left, right = targets.corners[going, 1], targets.corners[going, 0]
         apex = left + apex_of(state, entered) * (right - left)
@@ -127,7 +128,7 @@ def seek_circumcentres(state: SideArrays, face: NDArray) -> Targets:
         targets.corners[going, 0] = np.where(apex_is_left, right, apex)
         targets.corners[going, 1] = np.where(apex_is_left, apex, left)
         targets.corners[going, 2] = np.where(apex_is_left, left, right)
-    targets.status[going] = UNKNOWN_PLACE
+    targets.status[going] = UNKNOWN
     return targets
 
 

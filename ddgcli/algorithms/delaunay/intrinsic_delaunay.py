@@ -250,7 +250,7 @@ def intrinsic_delaunay(
     vertex: dict[str, NDArray] = {}
     if refined is not None:
         results["refinement"] = refinement_counts(refined)
-        where = refined.steiner.behind_vertices(mesh)
+        where = refined.steiner.after_vertices(mesh)
         vertex = {"input_face": where.face, "input_barycentric": where.barycentric}
     accuracy: dict[str, Any] = metric_residuals(mesh, flipped.mesh)
     cut = _subdivision(mesh, flipped, refined) if subdivide else None

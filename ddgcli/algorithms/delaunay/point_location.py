@@ -17,9 +17,7 @@ from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.mesh.ragged import ranges, repeat_with_place
 
 MAX_PAIRS = 1 << 18  # pairs of a point and a piece of its face handled at once
-FLAT_AREA_TOLERANCE = (
-    1e-14  # area of a piece, relative to its longest side squared, below which it is not searched
-)
+FLAT_AREA_TOLERANCE = 1e-14  # area of a piece over its longest side squared, below which it is not searched
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +28,7 @@ class _Chart:
     ----------
     start : (m + 1,) ndarray of int64
     piece : (t,) ndarray of int64
-        Face f holds piece[start[f]:start[f + 1]].
+        Face f contains piece[start[f]:start[f + 1]].
     barycentric : (t, 3, 3) ndarray of float64
         Coordinates in the face of each piece's corners.
     """
@@ -55,12 +53,12 @@ class PointMap:
         self._intrinsic = _chart(cut.intrinsic_face, cut.intrinsic.n_faces, _in_intrinsic_faces(cut))
 
     def to_intrinsic(self, points: SurfacePoints) -> SurfacePoints:
-        """The same points of the surface by faces of the intrinsic triangulation.
+        """The points with faces and barycentric coordinates of the intrinsic triangulation.
 
         Parameters
         ----------
         points : SurfacePoints
-            On faces of the input.
+            Points with faces of the input.
 
         Raises
         ------
@@ -70,7 +68,7 @@ class PointMap:
         return self._below(_mapped_points(points, self._input, self._intrinsic, self.cut.intrinsic_face))
 
     def to_input(self, points: SurfacePoints) -> SurfacePoints:
-        """The same points of the surface by faces of the input; the inverse of `to_intrinsic`."""
+        """The points with faces and barycentric coordinates of the input; the inverse of `to_intrinsic`."""
         return self._below(_mapped_points(points, self._intrinsic, self._input, self.cut.input_face))
 
     def _below(self, points: SurfacePoints) -> SurfacePoints:
@@ -149,7 +147,7 @@ def _containing_piece(points: SurfacePoints, chart: _Chart) -> NDArray[np.int64]
 def _depth(point: NDArray, corner: NDArray) -> NDArray[np.float64]:
     """(k,) least distance of points from the sides of triangles, negative outside; -inf in flat triangles.
 
-    In the plane of the first two barycentric coordinates.
+    Distances are measured in the plane of the first two barycentric coordinates.
     """
     z, p = corner[..., 0] + 1j * corner[..., 1], point[:, 0] + 1j * point[:, 1]
     side = z[:, [1, 2, 0]] - z

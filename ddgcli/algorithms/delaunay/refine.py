@@ -2,9 +2,9 @@
 
 L. P. Chew, "Guaranteed-quality mesh generation for curved surfaces", 1993, and J. Ruppert, "A Delaunay
 refinement algorithm for quality 2-dimensional mesh generation", 1995, on intrinsic triangulations as in
-N. Sharp et al., "Navigating intrinsic triangulations", 2019. Circumcentres of bad triangles are inserted; one
-that would come too near a boundary edge, or beyond it, splits that edge instead. Insertions go in batches
-that do not meet.
+N. Sharp et al., "Navigating intrinsic triangulations", 2019. Circumcentres of bad triangles are inserted; if
+one would encroach on a boundary edge, or lie beyond it, that edge is split instead. Points with disjoint
+cavities are inserted in one batch.
 """
 
 from __future__ import annotations
@@ -161,7 +161,7 @@ def refine(
 
 
 class _Insertions(NamedTuple):
-    """Steiner points, and of `Refinement` what outlives its triangulation."""
+    """Steiner points, and the data of `Refinement` that do not refer to its triangulation."""
 
     steiner: SteinerPoints
     pinned: NDArray[np.int64]
@@ -180,7 +180,7 @@ def _insert(mesh: TriangleMesh, angle: float, limit: int, seed: int) -> _Inserti
     while work.advance():
         pass
     return _Insertions(
-        steiner=work.places.steiner(),
+        steiner=work.locations.steiner(),
         pinned=original[work.pinned],
         flips=work.flips,
         batches=work.batches,
@@ -192,7 +192,7 @@ def _insert(mesh: TriangleMesh, angle: float, limit: int, seed: int) -> _Inserti
 
 
 def _near(flipped: IntrinsicDelaunay, vertex: NDArray) -> NDArray[np.bool_]:
-    """(m,) True at faces at one of the vertices, or next to such a face, where no points are inserted."""
+    """(m,) whether a face has one of the vertices, or shares a vertex with such a face."""
     pinned = np.zeros(flipped.mesh.n_vertices, dtype=bool)
     pinned[vertex] = True
     faces = flipped.mesh.faces

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.delaunay.boundary_splits import cut_boundary
 from ddgcli.algorithms.delaunay.circumcentres import (
-    BOUNDARY_PLACE,
-    INSIDE_PLACE,
-    OUTSIDE_PLACE,
+    INSIDE,
+    ON_BOUNDARY,
+    OUTSIDE,
     Cavity,
     Targets,
     apex_of,
@@ -19,8 +19,8 @@ from ddgcli.algorithms.delaunay.circumcentres import (
 )
 from ddgcli.algorithms.delaunay.flips import SideArrays, flip_until_delaunay
 from ddgcli.algorithms.delaunay.gluing import around
-from ddgcli.algorithms.delaunay.steiner_places import Places
 from ddgcli.algorithms.delaunay.triangulation import glue, length_scale
+from ddgcli.algorithms.delaunay.vertex_locations import VertexLocations
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.linalg.residual_gate import LARGEST_RESIDUAL
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -28,8 +28,10 @@ from ddgcli.operators.mollify import mollify_lengths
 
 SHARP_ANGLE = np.pi / 3  # cones and boundary corners with a smaller total angle are not refined
 COINCIDENCE_TOLERANCE = 1e-7  # relative side length in a face without area, below which its ends coincide
-MIN_PINNED_DISTANCE = 0.1  # no point comes nearer to either, over their shortest edge before refinement
-MIN_BATCH_FACES, BATCH_FACES_PER_POINT = 256, 8  # bad faces in a batch: least, and for each point of the last
+# distance of new points from sharp and coincident vertices, over the shortest edge of these before refinement
+MIN_PINNED_DISTANCE = 0.1
+# bad faces in a batch: least number, and number for each point of the last batch
+MIN_BATCH_FACES, BATCH_FACES_PER_POINT = 256, 8
 
 
 class Refinement:
@@ -52,24 +54,24 @@ class Refinement:
         glued = glue(mesh)
         start = mollify_lengths(glued.side_length, glued.topology.side_edge)
         scale = length_scale(start.length)
-        self.places = Places(mesh, scale)
-        fans = self.places.fans
+        self.locations = VertexLocations(mesh, scale)
+        fans = self.locations.fans
         self.state = SideArrays.of(glued.faces, glued.topology.side_twin, start.length / scale)
         self.state.direction = fans.angle_before.copy()
         self.flips, self.batches = flip_until_delaunay(self.state)[0], 0
         self.exhausted, self.has_rounded = False, False
         self.start_area = self._area()
         self.checked_faces = self.state.n_faces
-        self.random, self.crowd = np.random.default_rng(seed), MIN_BATCH_FACES
+        self.random, self.batch_faces = np.random.default_rng(seed), MIN_BATCH_FACES
 
         self.sharp = np.zeros(self.n_input, dtype=bool)
         self.sharp[fans.vertex] = fans.total_angle < SHARP_ANGLE - 1e-9
         self.coincident = np.zeros(self.n_input, dtype=bool)
         self.coincident[collapsed_ends(mesh, start.faces)] = True
         self.pinned = self.sharp | self.coincident
-        self.keep_off = self._keep_off()
+        self.clearance = self._pinned_clearance()
 
-    def _keep_off(self) -> NDArray[np.float64]:
+    def _pinned_clearance(self) -> NDArray[np.float64]:
         """(n,) distance from pinned vertices within which no point is inserted; 0 at the others."""
         state = self.state
         tail, head = state.tail, state.tail[around(np.arange(len(state.tail)))[1]]
@@ -88,19 +90,23 @@ class Refinement:
         bad = bad[~np.any(self._is_pinned(state.tail.reshape(-1, 3)[bad]), axis=1)]
         if len(bad) == 0:
             return False
-        if self.places.n_steiner >= self.limit:
+        if self.locations.n_steiner >= self.limit:
             self.exhausted = True
             return False
         if self._has_lost_area():
             self.has_rounded = True
             return False
         while True:
-            some = bad if len(bad) <= self.crowd else self.random.choice(bad, self.crowd, replace=False)
+            some = (
+                bad
+                if len(bad) <= self.batch_faces
+                else self.random.choice(bad, self.batch_faces, replace=False)
+            )
             some = some[np.argsort(smallest[some])]
             changed_edges = self._insert_at(some)
             if len(changed_edges) or len(some) == len(bad):
                 break
-            self.crowd *= 8
+            self.batch_faces *= 8
         if len(changed_edges) == 0:
             return False
         self.flips += flip_until_delaunay(state, changed_edges)[0]
@@ -111,7 +117,7 @@ class Refinement:
         return float(face_area(self.state.length.reshape(-1, 3)).sum())
 
     def _has_lost_area(self) -> bool:
-        """Whether rounding has changed the area past what counts as a solution; looks as the faces double."""
+        """Whether rounding has changed the area too much; checked when the number of faces has doubled."""
         n_faces = self.state.n_faces
         if n_faces < 2 * self.checked_faces:
             return False
@@ -122,8 +128,8 @@ class Refinement:
         """Insert points for bad faces, worst first; returns the sides whose edges may need a flip."""
         targets = self._independent(*self._proposals(bad))
         # if all points fall into a few cavities, the next batch tries fewer faces
-        self.crowd = max(MIN_BATCH_FACES, BATCH_FACES_PER_POINT * len(targets.side))
-        on_boundary = targets.status == BOUNDARY_PLACE
+        self.batch_faces = max(MIN_BATCH_FACES, BATCH_FACES_PER_POINT * len(targets.side))
+        on_boundary = targets.status == ON_BOUNDARY
         inner = targets[np.flatnonzero(~on_boundary)]
         return np.concatenate([self._split_boundary(targets.side[on_boundary]), self._insert(inner)])
 
@@ -134,18 +140,18 @@ class Refinement:
         """Points to insert for bad faces, worst first: circumcentres, or middles of boundary sides."""
         state = self.state
         targets = seek_circumcentres(state, bad)
-        inside = np.flatnonzero(targets.status == INSIDE_PLACE)
+        inside = np.flatnonzero(targets.status == INSIDE)
         cavity = conflict_cavity(state, targets[inside])
         edge = np.full(len(bad), -1)
         edge[inside] = cavity.encroached
-        beyond = targets.status == OUTSIDE_PLACE
+        beyond = targets.status == OUTSIDE
         edge[beyond] = targets.side[beyond]
-        insertable = (targets.status == INSIDE_PLACE) & (edge < 0)
+        insertable = (targets.status == INSIDE) & (edge < 0)
         insertable[insertable] = self._clear_of_pinned(targets[np.flatnonzero(insertable)])
         split = np.flatnonzero(edge >= 0)
         split = split[np.sort(np.unique(edge[split], return_index=True)[1])]
         split = split[self._may_split(edge[split])]
-        targets.status[split], targets.side[split] = BOUNDARY_PLACE, edge[split]
+        targets.status[split], targets.side[split] = ON_BOUNDARY, edge[split]
         self._lay_out(targets, split)
         around_splits = conflict_cavity(state, targets[split])
 
@@ -168,18 +174,18 @@ class Refinement:
         _, following, previous = around(targets.side)
         clear: NDArray[np.bool_] = np.ones(len(targets.side), dtype=bool)
         for k, side in enumerate((targets.side, following, previous)):
-            reach = self._reach(self.state.tail[side])
-            clear &= np.abs(targets.centre - targets.corners[:, k]) >= reach
+            clearance = self._clearance_at(self.state.tail[side])
+            clear &= np.abs(targets.centre - targets.corners[:, k]) >= clearance
         return clear
 
     def _may_split(self, side: NDArray) -> NDArray:
-        reach = self._reach(self.state.tail[np.stack([side, around(side)[1]])])
-        return (0.35 * self.state.length[side] >= reach).all(axis=0)
+        clearance = self._clearance_at(self.state.tail[np.stack([side, around(side)[1]])])
+        return (0.35 * self.state.length[side] >= clearance).all(axis=0)
 
-    def _reach(self, vertex: NDArray) -> NDArray[np.float64]:
-        """Smallest distance of points from vertices: 0 except for pinned ones."""
+    def _clearance_at(self, vertex: NDArray) -> NDArray[np.float64]:
+        """Least allowed distance of points from vertices: 0 except for pinned ones."""
         return np.where(
-            self._is_pinned(vertex), self.keep_off[np.minimum(vertex, len(self.keep_off) - 1)], 0.0
+            self._is_pinned(vertex), self.clearance[np.minimum(vertex, len(self.clearance) - 1)], 0.0
         )
 
     def _independent(self, targets: Targets, cavity: Cavity) -> Targets:
@@ -189,7 +195,7 @@ class Refinement:
         claim[cavity.face[order]] = cavity.item[order]
         overlaps = np.zeros(len(targets.side), dtype=bool)
         overlaps[cavity.item[claim[cavity.face] != cavity.item]] = True
-        wins = ~overlaps & (np.cumsum(~overlaps) <= self.limit - self.places.n_steiner)
+        wins = ~overlaps & (np.cumsum(~overlaps) <= self.limit - self.locations.n_steiner)
         return targets[np.flatnonzero(wins)]
 
     # boundary edges
@@ -200,12 +206,12 @@ class Refinement:
         if len(side) == 0:
             return side
         share = self._shell(side)
-        edge, at = self.places.on_boundary(state, side, share)
-        vertex = self.places.add_on_boundary(edge, at)
-        return cut_boundary(state, side, vertex, share, self.places.edge_direction(edge))
+        edge, at = self.locations.on_boundary(state, side, share)
+        vertex = self.locations.add_on_boundary(edge, at)
+        return cut_boundary(state, side, vertex, share, self.locations.edge_direction(edge))
 
     def _shell(self, side: NDArray) -> NDArray[np.float64]:
-        """Share at which to cut: the middle, or a power of two from a sharp corner (Ruppert's shells)."""
+        """Fraction of a side at which to cut it: 1/2, or a power-of-two length from a sharp corner (Ruppert)."""
         state = self.state
         at_tail, at_head = self._is_pinned(state.tail[side]), self._is_pinned(state.tail[around(side)[1]])
         length = state.length[side]
@@ -225,17 +231,17 @@ class Refinement:
         corners = np.take_along_axis(targets.corners, place, axis=1)
         point = targets.centre
         point = pushed_inside(corners, point)
-        located = self.places.locate(state, face, corners, point)
-        for _ in range(3):  # towards the middle of the face where an input edge is too near
+        located = self.locations.locate(state, face, corners, point)
+        for _ in range(3):  # move points that are too near an input edge towards the middle of the face
             near = np.flatnonzero(~located.clear)
             point[near] += 0.05 * (corners[near].mean(axis=1) - point[near])
-            located.replace(near, self.places.locate(state, face[near], corners[near], point[near]))
+            located.replace(near, self.locations.locate(state, face[near], corners[near], point[near]))
         face, corners, located = face[located.valid], corners[located.valid], located[located.valid]
         if len(face) == 0:
             return face
         distance = np.abs(corners - located.point[:, None])
         from_point = located.turn + np.angle(corners[:, 0] - located.point)
-        vertex = self.places.add_inside(located)
+        vertex = self.locations.add_inside(located)
         new = state.split_faces(face, vertex)
         a, b, c, p, q = 3 * face, 3 * face + 1, 3 * face + 2, 3 * new[0], 3 * new[1]
         length, (da, db, dc) = state.length, distance.T

@@ -30,9 +30,9 @@ class SteinerPoints:
     face : (s,) ndarray of int64
     barycentric : (s, 3) ndarray of float64
     edge : (s,) ndarray of int64
-        Input side that holds a point on the boundary, -1 for the others.
+        Input side of each point on the boundary; -1 for the others.
     edge_share : (s,) ndarray of float64
-        Share of that side's length, from its tail.
+        Position on that side, as a fraction of its length from the tail.
     """
 
     face: NDArray[np.int64]
@@ -43,10 +43,10 @@ class SteinerPoints:
     def __len__(self) -> int:
         return len(self.face)
 
-    def behind_vertices(self, mesh: TriangleMesh) -> SurfacePoints:
+    def after_vertices(self, mesh: TriangleMesh) -> SurfacePoints:
         """The vertices of the input followed by these points; face -1 at vertices that no face uses."""
         face, barycentric = np.full(mesh.n_vertices, -1), np.zeros((mesh.n_vertices, 3))
-        corner = np.arange(3 * mesh.n_faces)[::-1]  # of several faces the first
+        corner = np.arange(3 * mesh.n_faces)[::-1]  # reversed, so that the first face of a vertex counts
         face[mesh.faces.ravel()[corner]] = corner // 3
         barycentric[mesh.faces.ravel()[corner]] = np.eye(3)[corner % 3]
         return SurfacePoints(
@@ -83,10 +83,10 @@ def with_steiner_points(mesh: TriangleMesh, steiner: SteinerPoints) -> BaseTrian
 
 
 class _Insertion:
-    """Insertion in rounds of at most one point for each face, with planar Delaunay flips in input faces.
+    """Insertion in rounds of at most one point per face, with planar Delaunay flips in the input faces.
 
-    Positions are complex numbers in the planar frames of the input faces: no length is derived from another,
-    so that even needles keep their shape.
+    Positions are complex numbers in the planar frames of the input faces: lengths are computed from them, not
+    from other lengths, so that even needles keep their shape.
     """
 
     def __init__(self, mesh: TriangleMesh, steiner: SteinerPoints) -> None:
@@ -200,7 +200,7 @@ class _Insertion:
         return side[bad[alone]]
 
     def _containing_face(self, point: NDArray) -> NDArray[np.int64]:
-        """The face that contains each point, among the parts of its input face."""
+        """The face that contains each point, among those inside its input face."""
         order = np.argsort(self.input_face, kind="stable")
         start = np.searchsorted(self.input_face[order], np.arange(self.input_face.max() + 2))
         input_face = self.steiner.face[point]
@@ -222,7 +222,7 @@ class _Insertion:
         return corner_area.min(axis=1) / np.where(total > 0, total, 1.0)
 
     def _deepest(self, point: NDArray, faces: NDArray) -> NDArray[np.int64]:
-        """The face that contains each point, among several (k, c), by depth."""
+        """The face of (k, c) candidates in which each point is deepest."""
         if len(point) == 0:
             return np.zeros(0, dtype=np.int64)
         depth = np.stack([self._depth(point, column) for column in faces.T], axis=1)

@@ -27,9 +27,8 @@ from ddgcli.operators.mollify import Mollification, all_flat, mollify_lengths
 log = logging.getLogger("ddgcli")
 
 ANGLE_TOLERANCE = 1e-9  # radians by which opposite angles may sum to more than pi and still count as Delaunay
-CAP_TOLERANCE = (
-    1e-9  # excess relative to the longest side below which lengths are taken in extended precision
-)
+# excess of the shorter sides over the longest, relative to it, below which lengths need extended precision
+CAP_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,10 +136,10 @@ def flip_to_delaunay(
     return IntrinsicDelaunay(result, flips, rounds, start, remaining, crossings, flipped, tuple(notes), cover)
 
 
-def _missing(numbers: NDArray) -> NDArray[np.int64]:
-    """Numbers below len(numbers) that do not occur in it; -1 stands for none."""
-    missing = np.ones(len(numbers) + 1, dtype=bool)
-    missing[numbers] = False
+def _missing(indices: NDArray) -> NDArray[np.int64]:
+    """Indices below len(indices) that do not occur in the array, whose entries -1 are ignored."""
+    missing = np.ones(len(indices) + 1, dtype=bool)
+    missing[indices] = False
     return missing[:-1].nonzero()[0]
 
 
@@ -286,7 +285,7 @@ def working_lengths(mesh: TriangleMesh | IntrinsicMesh, glued: IntrinsicMesh) ->
 
 
 def _caps(length: NDArray, least: float) -> NDArray[np.int64]:
-    """Faces whose two shorter sides exceed the longest by no more than a share of it."""
+    """Faces whose two shorter sides together exceed the longest by at most a fraction `least` of it."""
     a, b, c = length.T
     longest = np.maximum(np.maximum(a, b), c)
     return np.flatnonzero(a + b + c <= (2.0 + least) * longest)
@@ -302,7 +301,7 @@ def length_scale(length: NDArray) -> float:
     Returns
     -------
     float
-        1 where the mean is zero.
+        1 if the mean is zero.
     """
     mean = float(length.mean()) if length.size else 1.0
     return float(2.0 ** np.round(np.log2(mean))) if mean > 0 else 1.0

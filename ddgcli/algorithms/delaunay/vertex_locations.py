@@ -1,4 +1,4 @@
-"""Positions on the input surface of the vertices of a triangulation under refinement."""
+"""Locations, on the input surface, of the vertices of a triangulation under refinement."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class SideTable:
         self.key, self.side = sorted_sides(topology.side_tail, topology.side_head, topology.n_vertices)
 
     def between(self, tail: NDArray, head: NDArray) -> NDArray[np.int64]:
-        """The side that runs from each tail to each head."""
+        """The side from each tail to the head."""
         key = tail * self.n + head
         place = np.minimum(np.searchsorted(self.key, key), len(self.key) - 1)
         if not np.array_equal(self.key[place], key):
@@ -63,8 +63,8 @@ class SideTable:
         return self.side[place]
 
 
-class Places:
-    """Faces and barycentric coordinates of the vertices, with the location of further points.
+class VertexLocations:
+    """Input face and barycentric coordinates of each vertex, and the location of further points.
 
     Directions at input vertices are angles from the first side of the vertex's fan; at Steiner points they
     are angles in the planar frame of the input face that holds the point.
@@ -103,12 +103,12 @@ class Places:
         return SteinerPoints(self.face[n:], self.barycentric[n:], self.edge[n:], self.edge_share[n:])
 
     def add_inside(self, located: SurfaceLocations) -> NDArray[np.int64]:
-        """New vertices inside input faces; returns their numbers."""
+        """New vertices inside input faces; returns their indices."""
         k = len(located.face)
         return self._add(located.face, located.barycentric, np.full(k, -1), np.zeros(k))
 
     def add_on_boundary(self, edge: NDArray, share: NDArray) -> NDArray[np.int64]:
-        """New vertices at a share of input boundary sides; returns their numbers."""
+        """New vertices at fractions of input boundary sides; returns their indices."""
         row, corner = np.arange(len(edge)), edge % 3
         barycentric = np.zeros((len(edge), 3))
         barycentric[row, corner] = 1.0 - share
@@ -131,7 +131,7 @@ class Places:
         return first + np.arange(len(face))
 
     def on_boundary(self, state: SideArrays, side: NDArray, share: NDArray) -> tuple[NDArray, NDArray]:
-        """Input side, and share of it, of points at a share of intrinsic boundary sides."""
+        """Input side, and fraction of it, of points at fractions of intrinsic boundary sides."""
         tail, head = state.tail[side], state.tail[around(side)[1]]
         edge = np.where(self.edge[tail] >= 0, self.edge[tail], self.edge[head])
         whole = np.flatnonzero(edge < 0)  # both ends are input vertices
@@ -141,7 +141,7 @@ class Places:
         return edge, low + share * (high - low)
 
     def locate(self, state: SideArrays, face: NDArray, corners: NDArray, point: NDArray) -> SurfaceLocations:
-        """Locate points of intrinsic faces, laid out with their corners, on the input."""
+        """Locate points of intrinsic faces on the input; `corners` and `point` are in a planar layout."""
         k = np.arange(len(face))
         distance = np.abs(corners - point[:, None])
         near = distance.argmin(axis=1)
@@ -187,7 +187,7 @@ class Places:
         )
 
     def _start(self, vertex: NDArray, direction: NDArray) -> tuple[NDArray, NDArray, NDArray]:
-        """Face, barycentric coordinates and heading in the face's frame of directions at vertices."""
+        """Face, barycentric coordinates, and angle in the frame of the face, for directions at vertices."""
         face, barycentric = self.face[vertex].copy(), self.barycentric[vertex].copy()
         heading = direction.copy()
         at_input = np.flatnonzero(vertex < self.mesh.n_vertices)
