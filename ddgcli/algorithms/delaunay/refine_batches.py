@@ -211,7 +211,7 @@ class Refinement:
         return cut_boundary(state, side, vertex, share, self.locations.edge_direction(edge))
 
     def _shell(self, side: NDArray) -> NDArray[np.float64]:
-        """Fraction of a side at which to cut it: 1/2, or a power-of-two length from a sharp corner (Ruppert)."""
+        """Fraction of a side at which to cut it: 1/2, or Ruppert's shells (powers of two) at sharp ends."""
         state = self.state
         at_tail, at_head = self._is_pinned(state.tail[side]), self._is_pinned(state.tail[around(side)[1]])
         length = state.length[side]
