@@ -130,7 +130,7 @@ def _scales(
     Raises StepRejected where these are not finite: comparisons with them would accept any step.
     """
     available = max(kinetic(system, before.v) + start.scale, kinetic(system, after.v) + end.scale)
-    # the move that Newton's method leaves, as a speed; and rounding, with the forces of the step (of barriers)
+    # the move that Newton's method leaves, as a speed; and rounding, with the forces of the step
     unresolved = float(system.mass.sum()) * (MOVE_TOLERANCE * system.size / dt) ** 2
     at_start = system.rounding
     rounding = replace(at_start, force=max(at_start.force, start.force, end.force))

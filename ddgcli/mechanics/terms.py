@@ -37,7 +37,7 @@ class Term:
     at : method (time in s) -> Potential or Dissipation
         The term at a time, if it depends on time.
     travel_work : method (x, before, after) -> float
-        Energy in J that a moving obstacle adds between two pairs of a time and positions, with the force at x.
+        Energy in J that a moving obstacle adds between two times, each with positions, with the force at x.
     """
 
     name: str
