@@ -52,15 +52,14 @@ def defer_imports(names: tuple[str, ...] = DEFERRED_MODULES) -> None:
         sys.meta_path.insert(0, _LoadedModuleFinder)
 
 
-_PLACEHOLDER_LOCK = threading.Lock()
-
-
 class _DeferredModule(types.ModuleType):
     """Placeholder in `sys.modules`, which imports its module at the first access to an attribute.
 
     The import system imports the whole module at that access, under its own locks: no code meets a module
     that is half loaded, unless ordinary imports would show it to that code too.
     """
+
+    _placeholder_lock = threading.Lock()
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._loaded(), name)
@@ -72,7 +71,7 @@ class _DeferredModule(types.ModuleType):
         return sys.modules.get(self.__name__) is self
 
     def _loaded(self) -> types.ModuleType:
-        with _PLACEHOLDER_LOCK:
+        with self._placeholder_lock:
             if self._is_deferred():
                 del sys.modules[self.__name__]
         return importlib.import_module(self.__name__)
@@ -110,16 +109,17 @@ class _LoadedModule(Loader):
 class _SpatialPackage(_DeferredModule):
     """`scipy.spatial`: the k-d tree alone is loaded from its own file."""
 
+    _placeholder_lock = threading.Lock()  # the package starts to load before or after that file, not meanwhile
+
     def __getattr__(self, name: str) -> Any:
         if name == "__path__":  # which `from scipy.spatial import cKDTree` reads
             return _spatial_folders()
         if name == "cKDTree" and self._is_deferred():
-            with _TREE_LOCK, suppress(ImportError):  # of a scipy that has it elsewhere
-                return _tree_class()
+            importlib.import_module("scipy.sparse")  # which the tree's module imports; outside the lock
+            with self._placeholder_lock, suppress(ImportError):  # of a scipy that has it elsewhere
+                if self._is_deferred():
+                    return _tree_class()
         return super().__getattr__(name)
-
-
-_TREE_LOCK = threading.Lock()
 
 
 def _spatial_folders() -> list[str]:
@@ -131,7 +131,6 @@ def _spatial_folders() -> list[str]:
 @functools.cache
 def _tree_class() -> Any:
     """The class `cKDTree`, without its package."""
-    importlib.import_module("scipy.sparse")  # which the tree's module imports
     spec = PathFinder.find_spec("scipy.spatial._ckdtree", _spatial_folders())
     if spec is None or spec.loader is None:
         raise ImportError(name="scipy.spatial._ckdtree")
