@@ -48,6 +48,7 @@ CONSERVED_QUANTITIES = ("energy", "momentum", "angular-momentum")
 MECHANICAL_EXAMPLES = ("pendulum", "oscillator")  # systems of the comparison of integrators
 ERROR_NORMS = ("max", "mean")
 ERROR_PARTS = ("both", "time", "mesh")  # of simulators and flows; the default first
+PARTICLES = "particles_"  # scalars of a frame: that and the name of their fluid
 VELOCITY_GLYPHS = ("arrows", "streamlines", "none")  # of fluids in pictures; the default first
 NO_VERDICT = "no verdict possible"
 

@@ -21,6 +21,7 @@ __all__ = [
     "intrinsic_mesh",
     "masked",
     "midpoint_subdivision",
+    "periodic",
     "plane",
     "ragged",
     "repair",

@@ -12,6 +12,8 @@ from ddgcli.simulation.outcome import Outcome
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from ddgcli.mesh.periodic import Periods
+
 ReadMesh = Callable[[str], Any]  # path to content of a mesh file
 ReadArray = Callable[[str], "NDArray"]
 
@@ -24,6 +26,16 @@ class SceneModel(Protocol):
     sha256: dict[str, str]
     moving: bool
     splits: bool  # whether vertices may split, so that each frame has a mesh of its own
+
+    @property
+    def energy_label(self) -> str:
+        """What the energies of the frames are, with their unit."""
+        ...
+
+    @property
+    def periods(self) -> Periods | None:
+        """Periods of the objects, where a grid is periodic."""
+        ...
 
     def assembled(self, schedule: Schedule) -> dict[str, Any]:
         """Properties of the models that a dry run prints."""

@@ -5,7 +5,10 @@ import pytest
 
 from ddgcli.choices import VELOCITY_GLYPHS
 from ddgcli.cli.simulation.plot import array_label, glyphs_of_velocity, particle_lines
+from ddgcli.geometry.intrinsic import face_area
+from ddgcli.io.trajectories.trajectory import Trajectory
 from ddgcli.mesh import shapes
+from ddgcli.mesh.periodic import Periods
 from ddgcli.plots.glyphs import SPACING as GLYPH_SPACING
 from ddgcli.plots.glyphs import draw_glyphs
 from ddgcli.plots.raster import fitted_camera, rasterise, view_axes
@@ -18,27 +21,117 @@ PLACES = np.stack([WALK, 0.5 + 0 * WALK, 0 * WALK], axis=2).transpose(1, 0, 2).r
 
 
 def test_paths_end_where_the_particles_are_and_begin_at_the_start():
-    lines = particle_lines(TIMES, {"particles_f": PLACES}, 2.0, None, shapes.grid(4, 4))
+    lines = particle_lines(TIMES, {"particles_f": PLACES}, 2.0, shapes.grid(4, 4))
     assert [len(line) for line in lines] == [3, 3]
     assert np.array_equal(lines[0][:, 0], WALK[0, :3]) and np.array_equal(lines[1][:, 0], WALK[1, :3])
-    assert particle_lines(TIMES, {"kinetic_energy": TIMES}, 2.0, None, shapes.grid(4, 4)) == []
+    assert particle_lines(TIMES, {"kinetic_energy": TIMES}, 2.0, shapes.grid(4, 4)) == []
 
 
 def test_paths_on_a_periodic_grid_do_not_cross_the_picture():
     square = shapes.grid(4, 4)
-    drawn = np.ones(len(square.faces), dtype=bool)
-    drawn[0] = False
-    lines = particle_lines(TIMES, {"particles_f": PLACES}, 3.0, drawn, square)
-    assert len(lines[0]) == 4 and np.array_equal(lines[1][:, 0], WALK[1, 2:])
+    periods = Periods({"f": np.array([1.0, 1.0, 0.0])}, np.zeros(square.n_faces, dtype=np.int64))
+    for shift in (0.0, 1.0, -3.0):  # particles may be any number of periods away
+        lines = particle_lines(TIMES, {"particles_f": PLACES + shift * (PLACES > 0)}, 3.0, square, periods)
+        assert len(lines[0]) == 4 and np.allclose(lines[1][:, 0], WALK[1, 2:])
+        assert all(np.allclose(line[:, 1:], [0.5, 0.0]) for line in lines)
+
+
+PERIODIC_SCENE = """\
+[time]
+duration = 0.2
+step = 0.1
+frame_every = 0.1
+[[object]]
+name = "still"
+role = "fluid"
+grid = { size = [1, 1], cells = [4, 4] }
+position = [-2, 0, 0]
+[[object]]
+name = "torus"
+role = "fluid"
+grid = { size = [2, 1], cells = [8, 6], periodic = "xy" }
+scale = 0.5
+position = [3, 0, 0]
+[effects]
+initial = { velocity = [2, "sin(2*pi*x)", 0] }
+harmonic = {}
+particles = { count = 20 }
+"""
+
+
+@pytest.fixture(scope="module")
+def periodic_pictures(run, tmp_path_factory):
+    """What `fluid-sim --plot` and `frames --plot` draw of a periodic grid beside another fluid."""
+    folder = tmp_path_factory.mktemp("periodic")
+    (folder / "s.toml").write_text(PERIODIC_SCENE)
+    drawn = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            "ddgcli.plots.motion.draw_motion",
+            lambda path, plot_frames, series, style, ylabel, **size: (
+                drawn.append((plot_frames, ylabel)) or open(path, "wb").close()
+            ),
+        )
+        words = ("-o", folder / "r.vtkhdf", "--plot", folder / "a.png", "--show", "speed")
+        for call in (("fluid-sim", folder / "s.toml", *words), ("frames", folder / "r.vtkhdf", *words[2:])):
+            result = run(*call)
+            assert result.exit_code == 0, result.stderr
+    return folder / "r.vtkhdf", drawn
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_pictures_of_periodic_grids_show_every_face_within_its_periods(periodic_pictures, number):
+    path, drawn = periodic_pictures
+    with Trajectory(str(path)) as source:
+        mesh, speed, velocity = source.mesh, source.vertex(2)["speed"], source.vertex(2)["velocity"]
+    plot_frame = drawn[number][0][-1]
+    points = plot_frame.mesh.points
+    assert plot_frame.mesh.n_faces == mesh.n_faces == len(plot_frame.arrows.faces)
+    assert face_area(plot_frame.mesh.side_length).sum() == pytest.approx(1.0 + 0.5)
+    torus = points[:, 0] > 2
+    assert np.allclose(points[torus].min(axis=0), [3, 0, 0])
+    assert np.allclose(points[torus].max(axis=0), [4, 0.5, 0])
+    original = points.copy()
+    original[torus] = [3, 0, 0] + np.mod(points[torus] - [3, 0, 0] + 1e-9, [1, 0.5, 1]) - 1e-9
+    gap = np.linalg.norm(original[:, None] - mesh.points, axis=2)
+    vertex = gap.argmin(axis=1)
+    assert gap.min(axis=1).max() < 1e-7 and np.ptp(speed[vertex]) > 0.1
+    assert np.array_equal(plot_frame.values, speed[vertex])
+    assert np.array_equal(plot_frame.arrows.vectors, velocity[vertex])
+    assert np.array_equal(plot_frame.arrows.places, points)
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_particles_on_periodic_grids_are_on_the_drawn_faces(periodic_pictures, number):
+    for plot_frame in periodic_pictures[1][number][0]:
+        on_torus = [path - [3, 0, 0] for path in plot_frame.paths if path[0, 0] > 0]
+        places = np.concatenate(on_torus)
+        assert len(on_torus) == 20 and len(plot_frame.paths) == 40
+        assert (places >= -1e-12).all() and (places <= np.array([1, 0.5, 0]) + 1e-12).all()
+
+
+def test_trajectories_hold_the_periods_of_their_fluids(periodic_pictures):
+    with Trajectory(str(periodic_pictures[0])) as source:
+        periods = {name: period.tolist() for name, period in source.periods.of_object.items()}
+        assert periods == {"still": [0, 0, 0], "torus": [1, 0.5, 0]}
+        across = source.face(0)["wraps"] != 0
+        corner = source.mesh.points[source.mesh.faces]
+        assert np.array_equal(across, (np.ptp(corner, axis=1) > [0.5, 0.25, 1]).any(axis=1))
+        assert np.array_equal(source.periods.of_faces[:, 0] > 0, source.face(0)["object_id"] == 1)
+
+
+def test_charts_of_fluids_have_the_unit_of_their_energy(periodic_pictures):
+    labels = [ylabel for _, ylabel in periodic_pictures[1]]
+    assert labels == ["kinetic energy over density [m⁴/s²]"] * 2
 
 
 def test_arrows_stand_on_the_cut_of_a_volume():
     box = shapes.box_tetrahedra(4, 4, 4)
     vectors = np.tile([1.0, 0.0, 0.0], (box.n_vertices, 1))
-    arrows = glyphs_of_velocity(box, vectors, "arrows", None)
+    arrows = glyphs_of_velocity(box, vectors, "arrows")
     assert arrows.places[arrows.faces][..., 1].min() > 0.2 and len(arrows.vectors) == len(arrows.places)
-    assert glyphs_of_velocity(box, None, "arrows", None) is None
-    assert glyphs_of_velocity(box, vectors, "none", None) is None
+    assert glyphs_of_velocity(box, None, "arrows") is None
+    assert glyphs_of_velocity(box, vectors, "none") is None
 
 
 @pytest.mark.parametrize("cells", [3, 32, 75])
@@ -57,7 +150,7 @@ def test_arrows_on_a_regular_grid_are_at_equal_distances_and_have_the_velocity_t
     wind = np.stack(
         [1.0 + square.points[:, 1], 0.5 + 0 * square.points[:, 0], 0 * square.points[:, 0]], axis=1
     )
-    draw_glyphs(axes, camera, visible, glyphs_of_velocity(square, wind, "arrows", None))
+    draw_glyphs(axes, camera, visible, glyphs_of_velocity(square, wind, "arrows"))
     shaft = axes.segments[: len(axes.segments) // 3]
     middle, along = shaft.mean(axis=1), np.diff(shaft, axis=1)[:, 0]
     centres = [np.unique(middle[:, axis].round(6)) for axis in (0, 1)]
@@ -89,8 +182,8 @@ def test_arrows_and_paths_are_seen(tmp_path, what):
     square = shapes.grid(8, 8)
     wind = np.tile([1.0, 0.5, 0.0], (square.n_vertices, 1))
     options = {
-        "arrows": {"arrows": glyphs_of_velocity(square, wind, "arrows", None)},
-        "streamlines": {"arrows": glyphs_of_velocity(square, wind, "streamlines", None)},
+        "arrows": {"arrows": glyphs_of_velocity(square, wind, "arrows")},
+        "streamlines": {"arrows": glyphs_of_velocity(square, wind, "streamlines")},
         "paths": {"paths": [np.array([[0.2, 0.2, 0.0], [0.8, 0.6, 0.0]])]},
     }
     line_pixels = []

@@ -288,6 +288,18 @@ def replaced(group, name, array):
         lambda f: f["VTKHDF/FieldData"].move("e", b"\xff"),
         lambda f: f["ddgcli"].create_dataset(b"\xfe", data=0.0),
         lambda f: f["VTKHDF/CellData"].create_dataset("x", data=np.zeros(21)),
+        lambda f: f["ddgcli"].attrs.__setitem__("periods", "{}"),
+        lambda f: f["ddgcli"].attrs.__setitem__("periods", '["a"]'),
+        lambda f: f["ddgcli"].attrs.__setitem__("periods", '{"a": [1, 0]}'),
+        lambda f: f["ddgcli"].attrs.__setitem__("periods", '{"a": [1, NaN, 0]}'),
+        lambda f: (
+            f["ddgcli"].attrs.__setitem__("periods", '{"a": [1, 0, 0]}'),
+            f["VTKHDF/CellData"].__setitem__("object_id", np.ones(20, dtype=int)),
+        ),
+        lambda f: (
+            f["ddgcli"].attrs.__setitem__("periods", '{"a": [1, 0, 0]}'),
+            f["VTKHDF/FieldData"].move("e", "particles_b"),
+        ),
     ],
 )
 def test_a_damaged_trajectory_is_refused(tmp_path, damage):

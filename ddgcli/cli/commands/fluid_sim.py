@@ -78,7 +78,6 @@ def _number(text: str) -> str:
 
 def _picture(fluids: FluidScene, outcome: Outcome, glyphs: str) -> Picture:
     from ddgcli.cli.simulation.plot import Picture
-    from ddgcli.models.fluid.report import wraps
 
     reach = outcome.largest.get("vorticity", 0.0) or 1.0  # vortices are small and count: no robust limits
     # vorticity at rough walls is large, that of volumes a length: robust limits there
@@ -86,6 +85,5 @@ def _picture(fluids: FluidScene, outcome: Outcome, glyphs: str) -> Picture:
     robust = in_volume or any(fluid.setting.no_slip for fluid in fluids.fluids.values())
     return Picture(
         "vorticity", "vorticity [1/s]", None if robust else (-reach, reach),
-        shown=~wraps(list(fluids.meshes.values())), arrows="velocity", glyphs=glyphs,
-        energy=f"kinetic energy over density [m{'⁵' if in_volume else '⁴'}/s²]",
+        arrows="velocity", glyphs=glyphs,
     )  # fmt: skip

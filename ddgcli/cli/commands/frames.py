@@ -352,22 +352,18 @@ def _series(run: Run, source: Trajectory, output: str, frame_numbers: list[int])
 def _plot_frames(
     source: Trajectory, frame_numbers: list[int], settings: dict[str, Any]
 ) -> Iterator[PlotFrame]:
-    from ddgcli.cli.simulation.plot import glyphs_of_velocity, magnitude, particle_lines, visible_part
-    from ddgcli.plots.motion import PlotFrame
+    from ddgcli.cli.simulation.plot import glyphs_of_velocity, magnitude, particle_lines, plot_frame
 
     name = _array_name(source, settings)
-    hidden = source.face(0).get("wraps")  # faces of a periodic grid that would span the picture
-    shown = None if hidden is None else hidden == 0
+    style, periods = settings["glyphs"] or VELOCITY_GLYPHS[0], source.periods
     for k in frame_numbers:
         values = magnitude(source.vertex(k)[name]) if name else None
         whole, time = source.mesh_at(k), float(source.times[k])
         # of fluids; the velocity of a shell is seen in its motion
         vectors = source.vertex(k).get("velocity") if "vorticity" in source.vertex(k) else None
-        yield PlotFrame(
-            time, visible_part(whole, shown), values, list(source.obstacles(k).values()),
-            glyphs_of_velocity(whole, vectors, settings["glyphs"] or VELOCITY_GLYPHS[0], shown),
-            particle_lines(source.times, source.scalars, time, shown, whole),
-        )  # fmt: skip
+        glyphs = glyphs_of_velocity(whole, vectors, style)
+        paths = particle_lines(source.times, source.scalars, time, whole, periods)
+        yield plot_frame(time, whole, values, glyphs, list(source.obstacles(k).values()), paths, periods)
 
 
 def _array_name(source: Trajectory, settings: dict[str, Any]) -> str | None:
@@ -403,7 +399,8 @@ def _draw_plot(target: str, source: Trajectory, frame_numbers: list[int], settin
     from ddgcli.cli.simulation.plot import energy_series
     from ddgcli.plots.motion import draw_motion
 
-    series, label = energy_series(source.times, source.scalars), "energy"
+    series = energy_series(source.times, source.scalars)
+    label = str(source.attributes.get("energy_label", "energy"))
     objective = str(source.attributes.get("objective"))
     if objective in source.scalars:
         series = {objective: (source.times, source.scalars[objective])}

@@ -4,17 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from numpy.typing import NDArray
 
-from ddgcli.choices import VELOCITY_GLYPHS
+from ddgcli.choices import PARTICLES, VELOCITY_GLYPHS
 from ddgcli.cli.options import CommonOptions, page_size
 from ddgcli.errors import named_array
+from ddgcli.mesh.periodic import Periods, crosses_side, unrolled
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.simulation.frames import mesh_of_frame
 from ddgcli.simulation.outcome import Outcome
+
+if TYPE_CHECKING:
+    from ddgcli.plots.glyphs import Glyphs
+    from ddgcli.plots.motion import PlotFrame
 
 SHAPE_AMPLITUDE = 0.1  # of the longest side of the bounding box, of the eigenmode in a picture
 # of the arrays of fluids, per density
@@ -39,8 +44,8 @@ class Picture:
         Limits of the colours; default: robust limits over the frames.
     edges : bool
         Draw the edges too.
-    shown : (m,) ndarray of bool, optional
-        Faces to draw.
+    periods : Periods, optional
+        Of periodic grids.
     arrows : str, optional
         Vertex array of vectors, drawn over the colours.
     glyphs : str
@@ -55,10 +60,10 @@ class Picture:
     label: str = ""
     limits: tuple[float, float] | None = None
     edges: bool = False
-    shown: NDArray | None = None
+    periods: Periods | None = None
     arrows: str | None = None
     glyphs: str = VELOCITY_GLYPHS[0]
-    energy: str = "energy [J]"
+    energy: str = "energy"
     time_name: str = "t"
     time_unit: str = "s"
     shape: tuple[str, NDArray] | None = None
@@ -76,7 +81,7 @@ def draw_run(
         draw_shape(path, outcome, *picture.shape, common, obstacles)
         return
     from ddgcli.plots.colour import is_signed, value_scale
-    from ddgcli.plots.motion import PlotFrame, draw_motion, sequence_style
+    from ddgcli.plots.motion import draw_motion, sequence_style
 
     if common.show is not None:
         named_array(outcome.picture_frames[0].vertex, common.show, parameter="show")
@@ -84,20 +89,12 @@ def draw_run(
         picture = replace(picture, array=common.show, label=label, limits=None)
     plot_frames = []
     for trajectory_frame in outcome.picture_frames:
-        mesh = mesh_of_frame(outcome.mesh, trajectory_frame)
+        mesh, time = mesh_of_frame(outcome.mesh, trajectory_frame), trajectory_frame.time
         values = None if picture.array is None else magnitude(trajectory_frame.vertex[picture.array])
-        plot_frames.append(
-            PlotFrame(
-                trajectory_frame.time,
-                visible_part(mesh, picture.shown),
-                values,
-                obstacles(trajectory_frame.time),
-                glyphs_of_velocity(
-                    mesh, trajectory_frame.vertex.get(picture.arrows or ""), picture.glyphs, picture.shown
-                ),
-                particle_lines(outcome.times, outcome.series, trajectory_frame.time, picture.shown, mesh),
-            )
-        )
+        vectors = trajectory_frame.vertex.get(picture.arrows or "")
+        glyphs = glyphs_of_velocity(mesh, vectors, picture.glyphs)
+        paths = particle_lines(outcome.times, outcome.series, time, mesh, picture.periods)
+        plot_frames.append(plot_frame(time, mesh, values, glyphs, obstacles(time), paths, picture.periods))
     name = picture.array
     signed = None if name is None else is_signed(name, outcome.picture_frames[0].vertex[name].ndim)
     style = sequence_style(
@@ -138,7 +135,28 @@ def draw_shape(
     )  # fmt: skip
 
 
-def glyphs_of_velocity(mesh: Any, vectors: NDArray | None, style: str, shown: NDArray | None) -> Any:
+def plot_frame(
+    time: float,
+    mesh: Any,
+    values: NDArray | None,
+    glyphs: Glyphs | None,
+    obstacles: Sequence[TriangleMesh],
+    paths: Sequence[NDArray],
+    periods: Periods | None,
+) -> PlotFrame:
+    """What a picture shows of a frame; of a periodic grid also the faces that close it, at its sides."""
+    from ddgcli.plots.motion import PlotFrame
+
+    drawn = visible_part(mesh)
+    if periods is not None:
+        drawn, vertex = unrolled(mesh, periods.of_faces)
+        values = None if values is None else values[vertex]
+        if glyphs is not None:
+            glyphs = replace(glyphs, places=drawn.points, vectors=glyphs.vectors[vertex], faces=drawn.faces)
+    return PlotFrame(time, drawn, values, obstacles, glyphs, paths)
+
+
+def glyphs_of_velocity(mesh: Any, vectors: NDArray | None, style: str) -> Glyphs | None:
     """Arrows at equal distances on the visible faces, or streamlines; None without vectors."""
     import numpy as np
 
@@ -147,29 +165,26 @@ def glyphs_of_velocity(mesh: Any, vectors: NDArray | None, style: str, shown: ND
     if vectors is None or style == "none":
         return None
     at_vertices = np.asarray(vectors, dtype=np.float64)
-    lines = style == "streamlines"
-    return Glyphs(mesh.points, at_vertices, faces=visible_part(mesh, shown).faces, lines=lines)
-
-
-LONGEST_STEP = 0.5  # of the size of a periodic grid: a longer step of a particle crosses its sides
+    return Glyphs(mesh.points, at_vertices, faces=visible_part(mesh).faces, lines=style == "streamlines")
 
 
 def particle_lines(
-    times: NDArray, series: Mapping[str, NDArray], end: float, shown: NDArray | None, mesh: Any
+    times: NDArray, series: Mapping[str, NDArray], end: float, mesh: Any, periods: Periods | None = None
 ) -> list[NDArray]:
     """Paths of particles up to a time; on periodic grids since they last crossed a side."""
     import numpy as np
 
-    names = [name for name in series if name.startswith("particles_")]
-    if not names:
-        return []
     count = int((times <= end * (1 + 1e-12)).sum())
-    places = np.concatenate([series[name].reshape(len(times), -1, 3) for name in names], axis=1)[:count]
-    reach = np.full(3, np.inf) if shown is None or shown.all() else LONGEST_STEP * np.ptp(mesh.points, axis=0)
     lines = []
-    for path in places.transpose(1, 0, 2):
-        jump = np.flatnonzero((np.abs(np.diff(path, axis=0)) > reach).any(axis=1))
-        lines.append(path[jump[-1] + 1 if len(jump) else 0 :])
+    for name in (name for name in series if name.startswith(PARTICLES)):
+        places = series[name].reshape(len(times), -1, 3)[:count]
+        period = np.zeros(3)
+        if periods is not None:
+            fluid = name.removeprefix(PARTICLES)
+            places, period = periods.within(fluid, places, mesh), periods.of_object[fluid]
+        for path in places.transpose(1, 0, 2):
+            jump = np.flatnonzero(crosses_side(np.diff(path, axis=0), period).any(axis=1))
+            lines.append(path[jump[-1] + 1 if len(jump) else 0 :])
     return lines
 
 
@@ -186,15 +201,9 @@ def magnitude(values: NDArray) -> NDArray:
     return values if values.ndim == 1 else np.linalg.norm(values, axis=1)
 
 
-def visible_part(mesh: Any, shown: NDArray | None) -> Any:
-    """The faces to draw; of tetrahedra the boundary of the rear half, so that a cut is visible."""
-    if isinstance(mesh, TetMesh):
-        return cut_open(mesh)
-    if shown is None or shown.all():
-        return mesh
-    from ddgcli.mesh.triangle_mesh import TriangleMesh
-
-    return TriangleMesh.from_arrays(mesh.points, mesh.faces[shown])
+def visible_part(mesh: Any) -> Any:
+    """The faces to draw: of tetrahedra the boundary of the rear half, so that a cut is visible."""
+    return cut_open(mesh) if isinstance(mesh, TetMesh) else mesh
 
 
 def cut_open(mesh: TetMesh) -> TriangleMesh:

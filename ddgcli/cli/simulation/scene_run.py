@@ -25,6 +25,7 @@ from ddgcli.cli.simulation.scene_input import (
     scene_document,
 )
 from ddgcli.cli.simulation.simulate import Job, check_job, formats, simulate
+from ddgcli.io.trajectories.layout_check import PERIODS
 from ddgcli.scenes.obstacle_meshes import obstacle_meshes
 from ddgcli.scenes.scene import Scene, SceneKind, resolve
 from ddgcli.scenes.scene_model import ReadArray, ReadMesh, SceneModel
@@ -98,7 +99,8 @@ def run_scene(
     results["effects"], results["seconds_by_part"] = time_shares(account, names, outcome.seconds)
 
     def draw(path: str) -> None:
-        look = replace(picture(simulator, outcome), **time_label(scene))
+        labels = {**time_label(scene), "energy": simulator.energy_label}
+        look = replace(picture(simulator, outcome), periods=simulator.periods, **labels)
         draw_run(path, outcome, look, run.common, job.obstacles_at)
 
     run.plot(draw)
@@ -117,7 +119,7 @@ def _job(
     scene, meshes = simulator.scene, list(simulator.meshes.values())
     return Job(
         simulator.models(), meshes, simulator.schedule(), account, simulator.moving, resume,
-        {**recorded_input, **time_label(scene)}, scene_texts, simulator.face(),
+        {**recorded_input, **_frame_facts(simulator)}, scene_texts, simulator.face(),
         obstacle_meshes(scene.objects, meshes, read), simulator.obstacle_poses,
         simulator.failure_reason, simulator.final, simulator.final_names, simulator.splits, simulator.splits,
     )  # fmt: skip
@@ -140,6 +142,15 @@ def _dry_run(
     else:
         prediction = with_first_steps(prediction, job, at_least_table=bool(facts.get("contact")))
     print_dry_run(run, scene, assembled, as_results(prediction, size))
+
+
+def _frame_facts(simulator: SceneModel) -> dict[str, Any]:
+    """Attributes of a trajectory that pictures of its frames need."""
+    periods = simulator.periods
+    labels = {**time_label(simulator.scene), "energy_label": simulator.energy_label}
+    if periods is None:
+        return labels
+    return {**labels, PERIODS: {name: period.tolist() for name, period in periods.of_object.items()}}
 
 
 def time_label(scene: Scene) -> dict[str, Any]:

@@ -10,11 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.choices import PARTICLES
 from ddgcli.errors import MeshFileError, excerpt
 from ddgcli.io.readers.guarded import guarded
 
 TOPOLOGIES = ("Vertices", "Lines", "Polygons", "Strips")
 CHANGING_CELL = "face_arrays"  # attribute: names of the arrays on faces that every frame has of its own
+PERIODS = "periods"  # attribute: lengths after which each object repeats, by name in the order of `object_id`
 OBSTACLE_POSE = "obstacle_pose_"  # field data of a frame: that and the obstacle's name
 MAX_METADATA_BYTES = 1 << 20  # bound of the check, which reads texts and shapes, no frames
 
@@ -61,6 +63,7 @@ def _check(file: Any) -> None:
     for obstacle in file["ddgcli"].get("obstacles", {}).values():
         _check_obstacle(obstacle, file["VTKHDF/FieldData"], count)
     _check_texts(file["ddgcli"])
+    _check_periods(file)
 
 
 def _frame_count(file: Any) -> int:
@@ -132,6 +135,22 @@ def _check_obstacle(obstacle: Any, poses: Any, count: int) -> None:
     pose = OBSTACLE_POSE + (name.decode() if isinstance(name, bytes) else name)
     if pose in poses:
         _rows(poses, pose, count, "f", (12,))
+
+
+def _check_periods(file: Any) -> None:
+    """Three lengths of every object that a face or particles belong to, where the trajectory has periods."""
+    text = file["ddgcli"].attrs.get(PERIODS)
+    if text is None:
+        return
+    periods = {name: np.array(lengths, dtype=np.float64) for name, lengths in json.loads(text).items()}
+    particles = {name for name in file["VTKHDF/FieldData"] if name.startswith(PARTICLES)}
+    number = file["VTKHDF/CellData"].get("object_id")
+    valid = all(p.shape == (3,) and np.isfinite(p).all() and (p >= 0).all() for p in periods.values())
+    valid = valid and bool(periods) and particles <= {PARTICLES + name for name in periods}
+    if number is not None and len(number):
+        valid = valid and 0 <= int(number[...].min()) <= int(number[...].max()) < len(periods)
+    if not valid or "Polygons" not in file["VTKHDF"]:
+        raise MeshFileError("its periods are not those of its objects")
 
 
 def _check_texts(ours: Any) -> None:

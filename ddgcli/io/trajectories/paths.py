@@ -6,12 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ddgcli.choices import PARTICLES
 from ddgcli.errors import ParameterError
 from ddgcli.io.trajectories.trajectory import Trajectory
 from ddgcli.mesh.curve import CurveSet
-
-PREFIX = "particles_"
-LONGEST_STEP = 0.5  # of the size of a periodic grid: longer segments cross its sides and are left out
+from ddgcli.mesh.periodic import crosses_side
 
 
 def check_particles(source: Trajectory) -> list[str]:
@@ -30,7 +29,7 @@ def check_particles(source: Trajectory) -> list[str]:
     ParameterError
         The trajectory has no particles.
     """
-    names = [name for name in source.scalars if name.startswith(PREFIX)]
+    names = [name for name in source.scalars if name.startswith(PARTICLES)]
     if not names:
         raise ParameterError(
             "the run has no particles; name the effect particles in a scene of fluid-sim", parameter="source"
@@ -59,17 +58,20 @@ def particle_paths(source: Trajectory, frame_numbers: Sequence[int]) -> CurveSet
     ParameterError
         The trajectory has no particles.
     """
-    names = check_particles(source)
-    rows = np.concatenate([source.scalars[name].reshape(source.n_frames, -1, 3) for name in names], axis=1)
+    by_fluid = {
+        name.removeprefix(PARTICLES): source.scalars[name].reshape(source.n_frames, -1, 3)
+        for name in check_particles(source)
+    }
+    rows = np.concatenate(list(by_fluid.values()), axis=1)
     places = rows[list(frame_numbers)].transpose(1, 0, 2)  # (particles, frames, 3)
     count, length = places.shape[:2]
     number = np.arange(count * length).reshape(count, length)
     lines = np.stack([number[:, :-1].ravel(), number[:, 1:].ravel()], axis=1)
     points = places.reshape(-1, 3)
-    if "wraps" in source.face(0):
-        size = np.ptp(source.points(0), axis=0)
-        jump = np.abs(points[lines[:, 1]] - points[lines[:, 0]])
-        lines = lines[(jump <= LONGEST_STEP * size).all(axis=1)]
+    if (periods := source.periods) is not None:
+        count_of = [positions.shape[1] * (length - 1) for positions in by_fluid.values()]
+        period = np.repeat([periods.of_object[fluid] for fluid in by_fluid], count_of, axis=0)
+        lines = lines[~crosses_side(points[lines[:, 1]] - points[lines[:, 0]], period).any(axis=1)]
     arrays = {
         "path_id": np.repeat(np.arange(count), length),
         "time": np.tile(source.times[list(frame_numbers)], count),

@@ -16,9 +16,16 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import MeshFileError, excerpt
 from ddgcli.io.trajectories.layout import EFFECT_DTYPE, TOPOLOGIES, checkpoint_array
-from ddgcli.io.trajectories.layout_check import CHANGING_CELL, OBSTACLE_POSE, check_trajectory, part_counts
+from ddgcli.io.trajectories.layout_check import (
+    CHANGING_CELL,
+    OBSTACLE_POSE,
+    PERIODS,
+    check_trajectory,
+    part_counts,
+)
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.fields import TrajectoryFrame
+from ddgcli.mesh.periodic import Periods
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import moved_rigidly
@@ -167,6 +174,15 @@ class Trajectory:
         """(T, k) or (T,) numbers of every frame, by name."""
         columns = {name: values[: self.n_frames] for name, values in self._root["FieldData"].items()}
         return {name: v[:, 0] if v.shape[1] == 1 else v for name, v in columns.items()}
+
+    @property
+    def periods(self) -> Periods | None:
+        """Periods of the objects; None where no grid is periodic."""
+        if PERIODS not in self.attributes:
+            return None
+        lengths = json.loads(self.attributes[PERIODS])
+        number = self.face(0).get("object_id", np.zeros(self.n_faces[0], dtype=np.int64))
+        return Periods({name: np.array(period, dtype=np.float64) for name, period in lengths.items()}, number)
 
     def read_frame(self, k: int) -> TrajectoryFrame:
         """Frame k."""

@@ -6,10 +6,12 @@ import math
 from functools import cached_property
 from typing import Any
 
+from ddgcli.mesh.periodic import Periods
 from ddgcli.models.fluid import model
 from ddgcli.scenes.scene import Scene
 from ddgcli.scenes.scene_model import ReadArray, ReadMesh
 from ddgcli.simulation.account import Account
+from ddgcli.simulation.frames import joined_mesh
 from ddgcli.simulation.model import Model, Schedule, parts_of_step
 from ddgcli.simulation.outcome import Outcome
 
@@ -56,13 +58,25 @@ class FluidScene:
         limit = min((fluid.step_limit() for fluid in self.fluids.values()), default=math.inf)
         return parts_of_step(schedule.dt, limit, adaptive=schedule.tolerance is not None)
 
+    @property
+    def energy_label(self) -> str:
+        in_volume = any(context.is_volume for context in self.contexts.values())
+        return f"kinetic energy over density [m{'⁵' if in_volume else '⁴'}/s²]"
+
+    @property
+    def periods(self) -> Periods | None:
+        of_fluid = {name: context.period for name, context in self.contexts.items()}
+        if not any(period.any() for period in of_fluid.values()):
+            return None
+        return Periods(of_fluid, joined_mesh(list(self.meshes.values()))[1])
+
     def models(self) -> dict[str, Model]:
         return {name: fluid.model() for name, fluid in self.fluids.items()}
 
     def face(self) -> dict[str, Any]:
         from ddgcli.models.fluid import report
 
-        return report.face_arrays(list(self.meshes.values()))
+        return report.face_arrays(list(self.contexts.values()))
 
     def schedule(self) -> Schedule:
         return self.scene.schedule()

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from ddgcli.choices import PARTICLES
 from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.extent import plane_axes
 from ddgcli.models.fluid.phases import FluidSetting, Phase, PhaseRequest, Step
@@ -157,7 +158,7 @@ class ParticlesPhase:
     def observed(self, state: FluidState) -> Observation:
         context = self.setting.context
         places = positions(context, state[CELL], state[WEIGHT])
-        return Observation(None, {}, {f"particles_{context.name}": places.ravel()})
+        return Observation(None, {}, {PARTICLES + context.name: places.ravel()})
 
 
 def build(parameters: ParticlesSection, context: FluidContext) -> list[PhaseRequest]:

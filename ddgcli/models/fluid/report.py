@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from ddgcli.mesh.edge_lookup import edge_indices
 from ddgcli.mesh.fields import TrajectoryFrame
-from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.periodic import crosses_side
 from ddgcli.mesh.scatter import sum_by_index
-from ddgcli.mesh.tet_mesh import TetMesh
+from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.flow_mesh import harmonic_count
 from ddgcli.models.fluid.lost_forces import warn_of_lost_transport
 from ddgcli.models.fluid.model import FluidModel
@@ -357,40 +357,20 @@ def assembled(
     }
 
 
-def wraps(meshes: Sequence[SurfaceMesh]) -> NDArray[np.bool_]:
-    """Faces that close a periodic grid: drawn between the vertices' positions they span it all.
-
-    Parameters
-    ----------
-    meshes : sequence of mesh
-        Of all fluids.
-
-    Returns
-    -------
-    (m,) ndarray of bool
-        None of tetrahedra.
-    """
-    wraps_around = []
-    if isinstance(meshes[0], TetMesh):
-        return np.zeros(0, dtype=bool)
-    for mesh in meshes:
-        corner = np.asarray(mesh.points)[mesh.faces]
-        edge_length = np.linalg.norm(np.roll(corner, -1, axis=1) - corner, axis=2)
-        wraps_around.append((edge_length > 1.01 * mesh.side_length).any(axis=1))
-    return np.concatenate(wraps_around)
-
-
-def face_arrays(meshes: Sequence[SurfaceMesh]) -> dict[str, NDArray]:
+def face_arrays(contexts: Sequence[FluidContext]) -> dict[str, NDArray]:
     """Constant arrays on faces for the trajectory: `wraps` where a grid is periodic.
 
+    It marks the faces that, drawn between the vertices' positions, would span the grid.
+
     Parameters
     ----------
-    meshes : sequence of mesh
+    contexts : sequence of FluidContext
         Of all fluids.
 
     Returns
     -------
     dict of str to ndarray
     """
-    marked = wraps(meshes)
+    extent = [(np.ptp(context.points[context.cells], axis=1), context.period) for context in contexts]
+    marked = np.concatenate([crosses_side(size, period).any(axis=1) for size, period in extent])
     return {"wraps": marked.astype(np.int8)} if marked.any() else {}

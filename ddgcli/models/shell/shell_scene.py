@@ -38,6 +38,8 @@ class ShellScene:
     """
 
     moving = True
+    energy_label = "energy [J]"
+    periods = None
 
     def __init__(
         self,
