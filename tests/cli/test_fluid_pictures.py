@@ -6,6 +6,7 @@ import pytest
 from ddgcli.choices import VELOCITY_GLYPHS
 from ddgcli.cli.simulation.plot import array_label, glyphs_of_velocity, particle_lines
 from ddgcli.geometry.intrinsic import face_area
+from ddgcli.io.trajectories.paths import particle_paths
 from ddgcli.io.trajectories.trajectory import Trajectory
 from ddgcli.mesh import shapes
 from ddgcli.mesh.periodic import Periods
@@ -118,6 +119,16 @@ def test_trajectories_hold_the_periods_of_their_fluids(periodic_pictures):
         corner = source.mesh.points[source.mesh.faces]
         assert np.array_equal(across, (np.ptp(corner, axis=1) > [0.5, 0.25, 1]).any(axis=1))
         assert np.array_equal(source.periods.of_faces[:, 0] > 0, source.face(0)["object_id"] == 1)
+
+
+def test_exported_paths_do_not_cross_a_periodic_grid_beside_another_fluid(periodic_pictures):
+    with Trajectory(str(periodic_pictures[0])) as source:
+        paths = particle_paths(source, range(source.n_frames))
+        stored = source.scalars["particles_torus"].reshape(source.n_frames, -1, 3)
+    steps = np.abs(np.diff(paths.points[paths.lines], axis=1))[:, 0]
+    assert (steps[:, 0] < 0.5).all() and (steps[:, 1] < 0.25).all()
+    crossings = (np.abs(np.diff(stored, axis=0)) > [0.5, 0.25, 1]).any(axis=2).sum()
+    assert crossings > 0 and len(steps) == 2 * 40 - crossings
 
 
 def test_charts_of_fluids_have_the_unit_of_their_energy(periodic_pictures):

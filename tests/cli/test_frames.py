@@ -46,6 +46,18 @@ def test_one_time_as_a_mesh(summary, trajectory, tmp_path):
             assert np.array_equal(arrays["velocity"], ours.vertex(2)["velocity"])
 
 
+def test_charts_of_shells_have_the_unit_of_their_energy(summary, trajectory, tmp_path, monkeypatch):
+    labels = []
+
+    def noted(path, plot_frames, series, style, ylabel, **size):
+        labels.append(ylabel)
+        open(path, "wb").close()
+
+    monkeypatch.setattr("ddgcli.plots.motion.draw_motion", noted)
+    summary("frames", trajectory, "--plot", tmp_path / "a.png")
+    assert labels == ["energy [J]"]
+
+
 def test_all_frames_as_numbered_meshes(summary, trajectory, tmp_path):
     out = summary("frames", trajectory, "-o", tmp_path / "f_{:03d}.vtu")
     assert out["results"]["frames"] == out["results"]["exported_frames"] == 5
