@@ -109,7 +109,7 @@ class _LoadedModule(Loader):
 class _SpatialPackage(_DeferredModule):
     """`scipy.spatial`: the k-d tree alone is loaded from its own file."""
 
-    _placeholder_lock = threading.Lock()  # the package starts to load before or after that file, not meanwhile
+    _placeholder_lock = threading.Lock()  # the package never loads while that file does
 
     def __getattr__(self, name: str) -> Any:
         if name == "__path__":  # which `from scipy.spatial import cKDTree` reads
