@@ -9,8 +9,14 @@ import pytest
 from benchmarks.common.submesh import submesh
 from ddgcli.algorithms.repair.patches import fill_loops
 from ddgcli.algorithms.repair.pipeline import RepairSteps, repair_mesh
+from ddgcli.algorithms.repair.polygon_triangulation import (
+    NotAPolygonError,
+    points_inside,
+    polygon_triangles,
+)
 from ddgcli.algorithms.repair.steps import RepairedMesh, separated
 from ddgcli.errors import MeshError
+from ddgcli.geometry.intrinsic import corner_angle
 from ddgcli.geometry.normals import sphere_normals
 from ddgcli.io.mesh_file import read_mesh, write_mesh
 from ddgcli.mesh import shapes
@@ -88,6 +94,106 @@ def test_patches_of_rough_loops_are_manifolds():
         closed, _ = fill_loops(holed)
         assert closed.topology.is_closed and closed.topology.is_manifold
         assert closed.topology.euler_characteristic == 2 and closed.topology.is_oriented
+
+
+def catenoid_with_jagged_hole():
+    """The catenoid without the faces around (1, 0, 0), and a vertex of the hole's rim."""
+    whole = shapes.catenoid(40, 20)
+    middle = whole.points[whole.faces].mean(axis=1)
+    holed = submesh(whole, whole.faces[np.linalg.norm(middle - [1, 0, 0], axis=1) > 0.5])
+    inside = np.abs(holed.points[:, 2]) < 0.9
+    return holed, int(np.flatnonzero(holed.topology.boundary_vertex & inside)[0])
+
+
+def test_a_jagged_hole_in_a_catenoid_is_filled_with_the_catenoid():
+    """Once with needles of 165 degrees, on which the catenoid itself had an energy of bending."""
+    holed, on_rim = catenoid_with_jagged_hole()
+    closed, patch = fill_loops(holed, on_rim)
+    added = corner_angle(closed.side_length)[holed.n_faces :]
+    assert np.degrees(added.max()) < 120 and np.degrees(added.min()) > 20
+    exact = closed.points.copy()
+    exact[patch, :2] *= (np.cosh(exact[patch, 2]) / np.hypot(*exact[patch, :2].T))[:, None]
+    snapshots, _, _ = run_flow(closed.moved(exact), region=patch, steps=1)
+    assert energies(snapshots)[0] < 0.01
+    snapshots, end, _ = run_flow(closed, region=patch)
+    assert energies(snapshots)[-1] < 0.002
+    x, y, z = end.points[patch].T
+    assert np.abs(np.hypot(x, y) - np.cosh(z)).max() < (2 * np.pi / 40) ** 2 / 8  # the sagitta of an edge
+    assert_falls(snapshots)
+
+
+@pytest.mark.parametrize(
+    ("surface", "most"), [(shapes.icosphere(3), 125), (shapes.torus(48, 24), 145)], ids=["sphere", "torus"]
+)
+def test_patches_of_jagged_holes_have_no_needles(surface, most):
+    """Once up to 170 degrees. The holes of the torus have rims with edges that are not Delaunay."""
+    middle = surface.points[surface.faces].mean(axis=1)
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        nearest = np.argsort(np.linalg.norm(middle - middle[rng.integers(surface.n_faces)], axis=1))
+        holed = submesh(surface, np.delete(surface.faces, nearest[: rng.integers(20, 120)], axis=0))
+        closed, patch = fill_loops(holed)
+        assert closed.topology.is_closed and closed.topology.is_manifold and closed.topology.is_oriented
+        assert closed.topology.euler_characteristic == surface.topology.euler_characteristic
+        assert np.degrees(corner_angle(closed.side_length)[holed.n_faces :].max()) < most
+
+
+def test_loops_that_cross_themselves_in_every_plane_are_filled():
+    """Both loops of a band along a trefoil knot."""
+    t = 2 * np.pi * np.arange(60) / 60
+    knot = np.stack([np.sin(t) + 2 * np.sin(2 * t), np.cos(t) - 2 * np.cos(2 * t), -np.sin(3 * t)], axis=1)
+    i, j = np.arange(60), (np.arange(60) + 1) % 60
+    faces = np.concatenate([np.stack([i, j, i + 60], axis=1), np.stack([j, j + 60, i + 60], axis=1)])
+    band = TriangleMesh.from_arrays(np.concatenate([knot, knot + [0, 0, 0.2]]), faces)
+    closed, patch = fill_loops(band)
+    assert closed.topology.is_closed and closed.topology.is_manifold and closed.topology.is_oriented
+    assert closed.topology.euler_characteristic == 2 and patch.sum() > 100
+
+
+def doubled_area(a, b):
+    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+
+
+def star(n, seed):
+    """Corners of a polygon around the origin with random radii, counter-clockwise."""
+    angle = 2 * np.pi * np.arange(n) / n
+    radius = np.random.default_rng(seed).uniform(0.2, 1.0, n)
+    return radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+@pytest.mark.parametrize("n", [3, 9, 40])
+def test_polygons_are_triangulated_with_their_edges(n):
+    """Such stars have edges that are not Delaunay."""
+    for seed in range(10):
+        rim = star(n, seed)
+        points = np.random.default_rng(seed).uniform(-1, 1, (60, 2))
+        radius, angle = np.hypot(*points.T), np.arctan2(points[:, 1], points[:, 0])
+        k = np.floor(angle / (2 * np.pi / n)).astype(int) % n
+        a, b = rim[k], rim[(k + 1) % n]
+        ray = doubled_area(a, b) / doubled_area(points / radius[:, None], b - a)  # length up to the side
+        inside = points_inside(rim, points)
+        assert np.array_equal(inside, radius < ray)
+        triangles = polygon_triangles(rim, points[inside])
+        assert len(triangles) == n - 2 + 2 * inside.sum()
+        flat = np.concatenate([rim, points[inside]])
+        corner = flat[triangles]
+        doubled = doubled_area(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+        assert doubled.min() > 0
+        assert doubled.sum() == pytest.approx(doubled_area(rim, np.roll(rim, -1, axis=0)).sum(), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    "rim",
+    [
+        [[0, 0], [1, 0], [0, 1], [1, 1]],
+        [[0, 0], [1, 0], [1, 1], [0, 0], [-1, 1]],
+        [[0, 0], [0.5, 0], [1, 0]],
+    ],
+    ids=["crossing", "touching", "straight"],
+)
+def test_lines_that_bound_no_polygon_are_refused(rim):
+    with pytest.raises(NotAPolygonError):
+        polygon_triangles(0.5 * np.array(rim, dtype=float), np.zeros((0, 2)))
 
 
 def test_an_ear_between_two_loop_vertices_is_kept_a_manifold():
