@@ -55,7 +55,8 @@ def test_intrinsic_delaunay_of_large_vertex_numbers_is_that_of_the_small_copy():
     vertex = np.arange(SMALL.n_vertices) * STEP + 7
     cut = large.stiffness[vertex][:, vertex]
     assert (
-        large.facts["flips"] == small.facts["flips"] and cut.nnz == large.stiffness.nnz == small.stiffness.nnz
+        large.preparation["flips"] == small.preparation["flips"]
+        and cut.nnz == large.stiffness.nnz == small.stiffness.nnz
     )
     assert abs(cut - small.stiffness).max() <= 1e-14 * abs(small.stiffness).max()
 

@@ -55,7 +55,7 @@ def test_closed_manifold_delaunay_mesh_is_covered_twice():
     cotan, tufted = laplace_operator(mesh, "cotan"), laplace_operator(mesh, "tufted")
     assert abs(cotan.stiffness - tufted.stiffness).max() < 1e-13
     assert abs(cotan.mass - tufted.mass).max() < 1e-15
-    assert tufted.facts["flips"] == 0
+    assert tufted.preparation["flips"] == 0
 
 
 def test_orientation_of_single_faces_does_not_matter():

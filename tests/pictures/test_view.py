@@ -231,7 +231,7 @@ def test_curves_and_trajectories_are_shown(run, summary, sphere, tmp_path):
 
 def test_every_without_a_trajectory_is_refused(run, sphere, tmp_path):
     result = run("view", sphere[0], "--every", "2", "-o", tmp_path / "page.html")
-    assert result.exit_code == 2 and "--every: is for trajectories" in result.stderr
+    assert result.exit_code == 2 and "--every: applies to trajectories" in result.stderr
     assert not (tmp_path / "page.html").exists()
 
 
@@ -498,5 +498,5 @@ def test_arrays_that_the_page_cannot_show_are_named(run, tmp_path):
     result = run("view", tmp_path / "edges.npz", "-o", tmp_path / "page.html")
     assert (
         result.exit_code == 0
-        and "edges.npz: the page has no place for arrays on edges (dihedral)" in result.stderr
+        and "edges.npz: the page does not show arrays on edges (dihedral)" in result.stderr
     )

@@ -23,15 +23,19 @@ from ddgcli.mesh.topology import NEXT, PREVIOUS
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import row_cross, row_dot
 from ddgcli.models.willmore.area_energy import AreaEnergy
-from ddgcli.models.willmore.step_rules import MIN_CONFORMAL_SHARE
+from ddgcli.models.willmore.step_rules import LEAST_NEWTON_FALL, MIN_CONFORMAL_SHARE
 from ddgcli.models.willmore.vertex_energies import FaceSides
 from ddgcli.operators.laplacian import lumped_vertex_area, stiffness, voronoi_vertex_area
 
 SHIFT = 1e-9  # of the Dirac operator's square, relative to the largest diagonal, so that it can be factorised
 POWER_ITERATIONS = 4  # of the inverse iteration for the smallest eigenvector
 
+VertexArea = Callable[[TriangleMesh], NDArray[np.float64]]
 
-def conformal_step(mesh: TriangleMesh, share: float) -> TriangleMesh:
+
+def conformal_step(
+    mesh: TriangleMesh, share: float, vertex_area: VertexArea = lumped_vertex_area
+) -> TriangleMesh:
     """A closed connected surface after its mean curvature has gone a share of the way to a constant.
 
     Parameters
@@ -39,6 +43,8 @@ def conformal_step(mesh: TriangleMesh, share: float) -> TriangleMesh:
     mesh : TriangleMesh
     share : float
         1 takes all of the curvature's admissible part away at once, to first order.
+    vertex_area : callable
+        TriangleMesh -> (n,) areas by which the integral of the mean curvature at a vertex is divided.
 
     Returns
     -------
@@ -55,7 +61,7 @@ def conformal_step(mesh: TriangleMesh, share: float) -> TriangleMesh:
     K. Crane, U. Pinkall, P. Schroeder, "Robust fairing via conformal curvature flow", 2013; the Dirac
     operator is that of "Spin transformations of discrete surfaces", 2011.
     """
-    change = _curvature_change(mesh)
+    change = _curvature_change(mesh, vertex_area)
     spin = _smallest_spinor(mesh, share * change)
     points = _integrated(mesh, spin)
     mass = lumped_vertex_area(mesh)[:, None]
@@ -89,6 +95,9 @@ def descending_step(
 ) -> ConformalStep | None:
     """A conformal step by the share, or by ever smaller halves of it, until an energy is lower than before.
 
+    Curvature by lumped areas comes first, which bad faces disturb less; where that hardly lowers the energy,
+    the better of it and of curvature by Voronoi areas, which does not alternate with the degrees of vertices.
+
     Parameters
     ----------
     mesh : TriangleMesh
@@ -103,8 +112,25 @@ def descending_step(
     ConformalStep or None
         None where no share lowers the energy.
     """
+    best = None
+    for vertex_area in (lumped_vertex_area, voronoi_vertex_area):
+        step = _descending_step(mesh, share, value, before, vertex_area)
+        if step is not None and (best is None or step.energy < best.energy):
+            best = step
+        if best is not None and before - best.energy > LEAST_NEWTON_FALL * best.energy:
+            return best
+    return best
+
+
+def _descending_step(
+    mesh: TriangleMesh,
+    share: float,
+    value: Callable[[TriangleMesh], float],
+    before: float,
+    vertex_area: VertexArea,
+) -> ConformalStep | None:
     while share >= MIN_CONFORMAL_SHARE:
-        moved = conformal_step(mesh, share)
+        moved = conformal_step(mesh, share, vertex_area)
         energy = value(moved)
         if energy < before:
             return ConformalStep(moved, energy, min(1.0, 2.0 * share))
@@ -124,7 +150,7 @@ def distance_from_rest(mesh: TriangleMesh) -> float:
     float
         Without unit.
     """
-    return float((lumped_vertex_area(mesh) * _curvature_change(mesh) ** 2).sum())
+    return float((lumped_vertex_area(mesh) * _curvature_change(mesh, voronoi_vertex_area) ** 2).sum())
 
 
 def log_ratio_change(start: TriangleMesh, end: TriangleMesh) -> dict[str, float]:
@@ -145,15 +171,15 @@ def log_ratio_change(start: TriangleMesh, end: TriangleMesh) -> dict[str, float]
     return {"log_ratio_change_max": float(change.max()), "log_ratio_change_mean": float(change.mean())}
 
 
-def _curvature_change(mesh: TriangleMesh) -> NDArray[np.float64]:
+def _curvature_change(mesh: TriangleMesh, vertex_area: VertexArea) -> NDArray[np.float64]:
     """(n,) the flow's speed of the mean curvature, -H without what would tear the surface.
 
-    A constant part changes the size only, and is left out.
+    A constant part changes the size only, and is left out. The gradient of the area at a vertex integrates H
+    over its Voronoi cell: divided by lumped areas, it alternates with the degrees of the vertices.
     """
     mass = lumped_vertex_area(mesh)
     by_area = AreaEnergy(mesh.topology).value_and_gradient(mesh.points)[1]
-    # by the cells over which `by_area` integrates: lumped areas alternate with the degrees of the vertices
-    curvature = 0.5 * row_dot(by_area, sphere_normals(mesh)) / voronoi_vertex_area(mesh)
+    curvature = 0.5 * row_dot(by_area, sphere_normals(mesh)) / vertex_area(mesh)
     basis = np.concatenate([np.ones((len(mass), 1)), _tearing_changes(mesh, mass)], axis=1)
     weighted = np.sqrt(mass)[:, None] * basis
     share = np.linalg.lstsq(weighted, np.sqrt(mass) * curvature, rcond=None)[0]

@@ -160,7 +160,7 @@ def film_energy(unit: TriangleMesh, options: FlowOptions) -> EnergyBuilder:
     """
     if options.energy is not None:
         raise ParameterError(
-            "has no effect on films, which lower their area; leave it out", parameter="energy"
+            "has no effect on films, which lower their area; leave `energy` out", parameter="energy"
         )
     if not options.fix_area:
         return AreaEnergy

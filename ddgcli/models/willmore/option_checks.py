@@ -123,7 +123,7 @@ def _require_rest(topology: Topology, name: str, options: FlowOptions) -> None:
     if name == "quadratic" and options.flow != "mean-curvature" and topology.is_closed and not conserved:
         raise ParameterError(
             "'quadratic' grows with the square of the size: a closed surface would shrink to a point; use "
-            "`fix_area`, `step` or another energy",
+            "`fix_area`, `step` or another `energy`",
             parameter="energy",
         )
 
