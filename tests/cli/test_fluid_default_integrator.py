@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 import ddgcli as ddg
-from ddgcli.cli.simulation.plot import Picture
 from ddgcli.io.trajectories.trajectory import Trajectory
 
 BOX = '[[object]]\nname = "box"\nrole = "fluid"\nbox = { size = [1, 1, 1], cells = [2, 2, 2] }\n'
@@ -70,11 +69,10 @@ def test_the_library_takes_the_same_default():
 def test_the_energy_of_a_picture_has_the_unit_of_the_dimension(run, tmp_path, monkeypatch):
     labels = []
 
-    def recorded(*words, **options):
-        labels.append(options["energy"])
-        return Picture(*words, **options)
-
-    monkeypatch.setattr("ddgcli.cli.simulation.plot.Picture", recorded)
+    monkeypatch.setattr(
+        "ddgcli.cli.simulation.scene_run.draw_run",
+        lambda path, outcome, picture, *others: labels.append(picture.energy),
+    )
     samples = Path(__file__).parents[2] / "sample_meshes"
     for name in ("ball.vtu", "sphere.ply"):
         words = ("--steps", 1, "--dt", 0.01, "--plot", tmp_path / "a.png")
