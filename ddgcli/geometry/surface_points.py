@@ -164,7 +164,7 @@ def nearest_points(mesh: TriangleMesh, positions: NDArray) -> tuple[SurfacePoint
     Returns
     -------
     points : SurfacePoints
-        Of several nearest faces the one with the lowest index.
+        The one with the lowest index among several nearest faces.
     distance : (k,) ndarray of float64
         From each position to its point.
 

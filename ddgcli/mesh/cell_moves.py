@@ -207,8 +207,8 @@ def _best_pyramids(
                 if quality < -FLAT_POSITION_TOLERANCE or left is None or right is None:
                     continue
                 option = (n_flat + left[0] + right[0], min(quality, left[1], right[1]))
-                known = best.get((i, j))
-                if known is None or (option[0], -option[1]) < (known[0], -known[1]):
+                other = best.get((i, j))
+                if other is None or (option[0], -option[1]) < (other[0], -other[1]):
                     best[i, j] = (*option, (*pair, *left[2], *right[2]))
     return best.get((0, n - 1))
 

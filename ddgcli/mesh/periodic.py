@@ -18,22 +18,22 @@ class Periods:
     ----------
     of_object : dict of str to (3,) ndarray
         Lengths after which each object repeats along x, y and z; 0 where it does not.
-    number : (m,) ndarray of int
+    object_index : (m,) ndarray of int
         Index of the object of each face, in the order of `of_object`.
     """
 
     of_object: dict[str, NDArray[np.float64]]
-    number: NDArray
+    object_index: NDArray
 
     @property
     def of_faces(self) -> NDArray[np.float64]:
         """(m, 3) period of the object of each face."""
-        return np.stack(list(self.of_object.values()))[self.number]
+        return np.stack(list(self.of_object.values()))[self.object_index]
 
     def within(self, name: str, places: NDArray, mesh: TriangleMesh) -> NDArray[np.float64]:
         """Places moved by whole periods of an object into the rectangle that `unrolled` covers."""
         index = list(self.of_object).index(name)
-        low = mesh.points[mesh.faces[self.number == index]].min(axis=(0, 1))
+        low = mesh.points[mesh.faces[self.object_index == index]].min(axis=(0, 1))
         period = self.of_object[name]
         return np.where(period > 0, low + np.mod(places - low, np.where(period > 0, period, 1.0)), places)
 
@@ -61,7 +61,7 @@ def unrolled(mesh: TriangleMesh, period: NDArray) -> tuple[TriangleMesh, NDArray
     ----------
     mesh : TriangleMesh
     period : (m, 3) ndarray
-        Of each face.
+        Period of the object of each face.
 
     Returns
     -------

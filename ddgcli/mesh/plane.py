@@ -49,7 +49,7 @@ def nearest_axis(normal: NDArray) -> int:
     Returns
     -------
     int
-        Of components that are equal up to rounding, the last.
+        The last of components that are equal up to rounding.
     """
     size = np.abs(normal)
     return int(np.flatnonzero(size >= (1 - PLANARITY_TOLERANCE) * size.max())[-1])

@@ -63,7 +63,7 @@ def remedy(
     defect : str
         A key of `REMEDIES`.
     topology : Topology, optional
-        Of the refused mesh; adds the steps that the remedy needs on this mesh.
+        Topology of the refused mesh; adds the steps that the remedy needs on this mesh.
     manifold, oriented : bool
         What else the refused computation requires of the mesh.
 
@@ -85,7 +85,7 @@ def with_repair(
     defect : str
         A key of `REMEDIES`.
     topology : Topology, optional
-        Of the refused mesh; adds the steps that the remedy needs on this mesh.
+        Topology of the refused mesh; adds the steps that the remedy needs on this mesh.
     manifold, oriented : bool
         What else the refused computation requires of the mesh.
 

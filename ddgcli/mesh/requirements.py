@@ -136,7 +136,7 @@ def kind_error(
     subject : str
         Subject of the message, such as the name of a command.
     path : str
-        Of the mesh file, for the remedy, if it is not that of the input.
+        Path of the mesh file, for the remedy, if it is not that of the input.
 
     Returns
     -------

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.mesh.plane import plane_normal
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
-FLAT_TOLERANCE = 1e-6  # of the extent of a mesh: points that are nearer to a plane lie in it
 EDGE_ON = 1e-3  # cosine between a plane's normal and the view: a plane seen along itself hides nothing
 
 
@@ -25,12 +25,11 @@ def hides(plane: TriangleMesh, points: NDArray, toward_viewer: NDArray) -> bool:
     -------
     bool
     """
-    center = plane.points.mean(axis=0)
-    _, extents, axes = np.linalg.svd(plane.points - center, full_matrices=False)
-    normal = axes[-1] * np.copysign(1.0, axes[-1] @ toward_viewer)
-    if extents[-1] > FLAT_TOLERANCE * extents[0] or normal @ toward_viewer < EDGE_ON:
+    normal = plane_normal(plane.points)
+    if normal is None or abs(normal @ toward_viewer) < EDGE_ON:
         return False
-    return bool(np.mean((points - center) @ normal) < 0.0)
+    height = np.mean((points - plane.points[0]) @ normal)
+    return bool(height * (normal @ toward_viewer) < 0.0)
 
 
 def boundary_edges(mesh: TriangleMesh) -> NDArray[np.float64]:

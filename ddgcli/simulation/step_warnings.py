@@ -17,7 +17,7 @@ def halved(time: float, unit: str, detail: str) -> str:
     time : float
     unit : str
     detail : str
-        Of its event.
+        Text of its event.
 
     Returns
     -------
@@ -34,7 +34,7 @@ def rescued(time: float, unit: str, detail: str) -> str:
     time : float
     unit : str
     detail : str
-        Of its event.
+        Text of its event.
 
     Returns
     -------

@@ -18,9 +18,8 @@ from ddgcli.mesh.topology import NEXT, PREVIOUS, Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import cross, dot, ratio
 
-BALANCE_DIRECTION = np.array(
-    [0.48, 0.6, 0.64]
-)  # of the balance of each star; the sums of three directions cost three times as much
+# The force balance of each star is checked along one direction: three would cost three times as much.
+BALANCE_DIRECTION = np.array([0.48, 0.6, 0.64])
 
 
 def angle_defect(mesh: SurfaceMesh) -> NDArray[np.float64]:

@@ -162,7 +162,7 @@ def excess_over_straight_lines(mesh: SurfaceMesh, sources: Sources, distance: ND
     Returns
     -------
     float
-        Of the worst component; inf without positions.
+        Value of the worst component; inf without positions.
     """
     under = _below_straight_line(mesh, sources, distance)
     if under is None:

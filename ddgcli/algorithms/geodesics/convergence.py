@@ -29,7 +29,7 @@ def has_converged(mesh: SurfaceMesh, method: str, accuracy: Mapping[str, Any]) -
     mesh : TriangleMesh or IntrinsicMesh
     method : {'exact', 'heat', 'fast-marching', 'dijkstra'}
     accuracy : mapping
-        Of the method, with its certificate.
+        Errors and residuals of the method, and its certificate.
 
     Returns
     -------

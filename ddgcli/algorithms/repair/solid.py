@@ -29,7 +29,7 @@ class RepairedSolid:
     mesh : TetMesh
     input_vertex : (n,) ndarray of int64
     input_cell : (k,) ndarray of int64
-        Of a cell that replaces others: the nearest of those.
+        Input cell of each; for a cell that replaces others, the nearest of those.
     changes : dict of str to int
         Cells or vertices that each step changed.
     """

@@ -45,7 +45,7 @@ class Picture:
     edges : bool
         Draw the edges too.
     periods : Periods, optional
-        Of periodic grids.
+        Periods of the periodic grids.
     arrows : str, optional
         Vertex array of vectors, drawn over the colours.
     glyphs : str

@@ -181,8 +181,8 @@ class Trajectory:
         if PERIODS not in self.attributes:
             return None
         lengths = json.loads(self.attributes[PERIODS])
-        number = self.face(0).get("object_id", np.zeros(self.n_faces[0], dtype=np.int64))
-        return Periods({name: np.array(period, dtype=np.float64) for name, period in lengths.items()}, number)
+        of_object = {name: np.array(period, dtype=np.float64) for name, period in lengths.items()}
+        return Periods(of_object, self.face(0).get("object_id", np.zeros(self.n_faces[0], dtype=np.int64)))
 
     def read_frame(self, k: int) -> TrajectoryFrame:
         """Frame k."""

@@ -61,7 +61,7 @@ def bounding_box(context: FluidContext) -> tuple[NDArray[np.float64], NDArray[np
     place : (n, 3) ndarray of float64
         Along the axes of the plane in which the fluid lies, else along x, y and z.
     sizes : (3,) ndarray of float64
-        Of a periodic grid its periods.
+        Extents along these axes; the periods of a periodic grid.
     """
     axes = plane_axes(context)
     place = context.points if axes is None else context.points @ axes.T

@@ -61,7 +61,7 @@ class FlowTerms:
     original : (n, 3) ndarray
         Positions at the start, of the input.
     bounds : EnergyBounds
-        Of the smooth energy.
+        Bounds of the smooth energy.
     keeps_triangles : bool
         Before and after steps to rest, vertices slide along the surface where angles are small, and edges
         flip.

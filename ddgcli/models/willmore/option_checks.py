@@ -89,7 +89,7 @@ def check_options(
     energy_name, boundary : str
         Those of the options, or the defaults.
     kind : {'descent', 'newton', 'conformal'}
-        Of the steps.
+        Kind of the steps.
 
     Raises
     ------

@@ -40,7 +40,7 @@ def second_energy(
     Parameters
     ----------
     name : str
-        Of the energy that the flow lowers.
+        Name of the energy that the flow lowers.
     mesh : TriangleMesh
     constraints : Constraints
     curvature : float
